@@ -27,6 +27,7 @@ from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.arrays import Indices, Matrix, Vector3
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, interpolate_fine, lies_on, patch_of
 from palpate.physics.bodies.sampled import step
+from palpate.physics.bodies.sampled.border import shares_past_border
 from palpate.physics.bodies.sampled.contacts import SampledContacts, step_all
 from palpate.physics.bodies.sampled.energy import Points, SampledWorkspace, scratch
 from palpate.physics.geometry.mesh import Mesh
@@ -125,6 +126,7 @@ class SampledBody(NamedTuple):
 
     model: step.SampledModel
     fine: FineMesh
+    shown: Annotated[np.ndarray, "<f8", 2]  # [1] (N,3) `model.weights` times `border.shares_past_border`
     near: float  # [m²] squared distance from the feet within which the residual compliance is added
     fields: Annotated[np.ndarray, "<f8", 3]
     active: Annotated[np.ndarray, "<i8", 1]
@@ -149,14 +151,16 @@ def sampled_body(
     coarse = Mesh(basis.vertices, basis.triangles)
     edges = coarse.vertices[coarse.triangles]
     margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
+    corners, weights = lies_on(coarse, mesh)
+    shown = weights * shares_past_border(coarse, mesh.vertices, corners, weights)[:, None]
     count, r, state = len(basis.vertices), basis.modes.shape[1], np.zeros(1, step.STATE_TYPE)
     state["budget"]["length"] = 1.0
     model = step.SampledModel(
-        basis.residual_compliance, basis.modes, basis.points, basis.bend, basis.vertices, *lies_on(coarse, mesh),
+        basis.residual_compliance, basis.modes, basis.points, basis.bend, basis.vertices, corners, weights,
         young, retardation,
     )  # fmt: skip
     return SampledBody(
-        model, fine_mesh(mesh, radius, reach), (2.0 * reach + 1.5 * margin) ** 2, np.zeros((4, count, 3)),
+        model, fine_mesh(mesh, radius, reach), shown, (2.0 * reach + 1.5 * margin) ** 2, np.zeros((4, count, 3)),
         np.zeros(count, np.int64), np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))]),
         scratch(basis.points), state, np.zeros((contacts, 3)),
         SampledContacts(
@@ -218,7 +222,7 @@ def extrapolation(body: SampledBody):
 @ieee_kernel
 def displace_fine(body: SampledBody):
     """Fill `fine.nodes`, all vertices near the foot points and fewer farther away, and `fine.moved`, their
-    displacements [m]. Returns their number."""
+    displacements [m], for messages: past the border of the basis they fade. Returns their number."""
     model, fine, u = body.model, body.fine, body.fields[3]
     step.field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.state[0].gamma)
-    return interpolate_fine(model.corners, model.weights, u, fine.reach, body.feet, fine.sent, fine.nodes, fine.moved)
+    return interpolate_fine(model.corners, body.shown, u, fine.reach, body.feet, fine.sent, fine.nodes, fine.moved)
