@@ -21,6 +21,7 @@ pytestmark = NEEDED
 EMULATED = Path(__file__).with_name("emulated_device.js").read_text(encoding="utf-8")
 BEGIN, DEEP = [0.0, 0.0, 0.116], [0.0, 0.0, 0.086]  # [m]
 READY = "() => window.palpate && window.palpate.newest"
+COMMANDED = "async () => Math.hypot(...(await log()).log.at(-1).force) > 0.2"
 FELT = "palpate.newest && palpate.newest.load > 0.3 && Math.hypot(...palpate.newest.force) > 0.3"
 
 
@@ -45,12 +46,14 @@ def attach(page, mode="well"):
 
 
 def press(page):
+    """Press until the device exerts a force: on a busy machine a pause of 20 ms ends it, and it rises again in 0.5 s."""
     attach(page)
     page.wait_for_function("palpate.about && document.getElementById('device').getAttribute('aria-pressed') === 'true'")
     page.wait_for_function("palpate.newest && palpate.newest.tip")
     page.evaluate("(goal) => device({ goal })", DEEP)
     page.wait_for_function(FELT)
     page.evaluate("device({ hold: true })")
+    page.wait_for_function(COMMANDED)
 
 
 def log(page):

@@ -58,6 +58,15 @@ def test_the_files_are_few_small_and_named_after_their_content(site):
     assert not re.search(r"\beval\(|new Function|import\(", (out / "page.js").read_text())
 
 
+def test_data_that_the_same_variants_need_are_one_file(site):
+    out, _ = site
+    text = (out / "site.js").read_text()
+    listed = [one["files"] for one in json.loads(text[text.index("{") : text.rindex("}") + 1])["variants"]]
+    users = {file: tuple(file in files for files in listed) for files in listed for file in files}
+    assert len(set(users.values())) == len(users) and {file.stem for file in (out / "data").iterdir()} == set(users)
+    assert (True,) * len(listed) in users.values() and max(map(len, listed)) <= 8
+
+
 def test_equal_runs_have_equal_memory(site, tmp_path):
     out, _ = site
     assert build(tmp_path / "site", "kidney", "--body", "MassSpring", "--set", "tissue.stiffness=2e3").exit_code == 0

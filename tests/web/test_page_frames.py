@@ -85,20 +85,28 @@ def flat(head):
 
 
 def test_the_surface_of_a_body_that_sends_a_sample_is_filled_as_in_python(tmp_path):
+    """Under a finger that slides, by 1 mm a frame, then leaps: also where the shares of the frame before are kept."""
     rng = np.random.default_rng(2)
     points = np.stack([*rng.uniform(-0.04, 0.04, (2, 2500)), 0.002 * rng.normal(size=2500)], 1).astype(np.float32)
-    away = np.linalg.norm(points - points[7], axis=1)
-    nodes = np.flatnonzero(away <= ranges(points.astype(float), 0.008)).astype(np.int32)
-    assert NEIGHBOURS < len(nodes) < 2000
-    moved = np.stack([1e-3 / (1 + 100 * away[nodes]), points[nodes, 0] * 0.1, np.sin(50 * points[nodes, 1]) * 1e-3], 1)
-    given = {"points": points.ravel().tolist(), "nodes": nodes.tolist(), "moved": moved.ravel().tolist(),
-             "landmarks": landmarks(points.astype(float)).tolist()}  # fmt: skip
+    fields, expected = [], []
+    for step in (0.0, 1e-3, 2e-3, 1e-3, 30e-3):
+        away = np.linalg.norm(points - points[7] - np.float32([step, 0.0, 0.0]), axis=1)
+        nodes = np.flatnonzero(away <= ranges(points.astype(float), 0.008)).astype(np.int32)
+        assert NEIGHBOURS < len(nodes) < 2000
+        size = 1e-3 / (1 + 100 * away[nodes])
+        moved = np.stack([size, points[nodes, 0] * 0.1, np.sin(50 * points[nodes, 1]) * 1e-3], 1)
+        fields.append({"nodes": nodes.tolist(), "moved": moved.ravel().tolist()})
+        expected.append(fill_field(points.astype(float), nodes, moved))
+    given = {"points": points.ravel().tolist(), "fields": fields, "landmarks": landmarks(points.astype(float)).tolist()}
     (tmp_path / "given.json").write_text(json.dumps(given))
     (tmp_path / "fill.mjs").write_text((in_node.STATIC / "fill.js").read_text())
-    all_points, some = in_node.run_script(tmp_path, "fill_in_node.mjs")
-    expected = fill_field(points.astype(float), nodes, moved)
+    found, some, searched, again = in_node.run_script(tmp_path, "fill_in_node.mjs")
     assert some is None
-    assert np.abs(np.reshape(all_points, (-1, 3)) - expected).max() < 1e-5 * np.abs(expected).max()
+    for whole, right in zip([*found, again], [*expected, expected[0]], strict=True):
+        assert np.abs(np.reshape(whole, (-1, 3)) - right).max() < 1e-5 * np.abs(right).max()
+    between = [len(points) - len(field["nodes"]) for field in fields]
+    assert searched[0] == searched[6] == between[0] and searched[5] == 0
+    assert all(0 < searched[k] < 0.5 * between[k] for k in (1, 2, 3))
 
 
 def test_the_mesh_has_the_form_that_the_page_reads():
