@@ -46,7 +46,7 @@ def attach(page, mode="well"):
 
 
 def press(page):
-    """Press until the device exerts a force: on a busy machine a pause of 20 ms ends it, and it rises again in 0.5 s."""
+    """Press until the device exerts a force, which a pause of 20 ms on a busy machine ends and which rises in 0.5 s."""
     attach(page)
     page.wait_for_function("palpate.about && document.getElementById('device').getAttribute('aria-pressed') === 'true'")
     page.wait_for_function("palpate.newest && palpate.newest.tip")
