@@ -21,6 +21,7 @@ pytestmark = NEEDED
 EMULATED = Path(__file__).with_name("emulated_device.js").read_text(encoding="utf-8")
 BEGIN, DEEP = [0.0, 0.0, 0.116], [0.0, 0.0, 0.086]  # [m]
 READY = "() => window.palpate && window.palpate.newest"
+HOMED = f"palpate.newest?.tip && palpate.newest.sample === undefined && palpate.newest.tip[2] > {BEGIN[2] - 5e-3}"
 COMMANDED = "async () => Math.hypot(...(await log()).log.at(-1).force) > 0.2"
 FELT = "palpate.newest && palpate.newest.load > 0.3 && Math.hypot(...palpate.newest.force) > 0.3"
 
@@ -46,10 +47,12 @@ def attach(page, mode="well"):
 
 
 def press(page):
-    """Press until the device exerts a force, which a pause of 20 ms on a busy machine ends and which rises in 0.5 s."""
+    """Press until the device exerts a force. A frame of the pointer's run, or one before the device is homed, does not
+    count: the grip could be in the organ before its first place is known. On a busy machine a pause of 20 ms ends the
+    force, which rises again in 0.5 s."""
     attach(page)
     page.wait_for_function("palpate.about && document.getElementById('device').getAttribute('aria-pressed') === 'true'")
-    page.wait_for_function("palpate.newest && palpate.newest.tip")
+    page.wait_for_function(HOMED)
     page.evaluate("(goal) => device({ goal })", DEEP)
     page.wait_for_function(FELT)
     page.evaluate("device({ hold: true })")
