@@ -64,7 +64,7 @@ def main() -> None:
     print("                          vertices off [um]        normals off [deg]   hand [N per tick]")
     print("image                     of the file, smoothed    rms, largest        BeamBundle, MassSpring")
     for name, mesh in meshes.items():
-        given = remove_thin(mesh, SHORTEST * LONGEST)
+        given, _ = remove_thin(mesh, SHORTEST * LONGEST)
         before, after = (1e6 * off(each.vertices)[0] for each in (given, smooth_vertices(given, *creases(given))))
         fine = refine_mesh(mesh, LONGEST, 50_000)
         angle = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", fine.normals, off(fine.vertices)[1]), -1.0, 1.0)))

@@ -12,13 +12,19 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.refined.edge_list import edges_of
 from palpate.physics.geometry.refined.edges import CREASE, directions, is_thin
 
+NONE = np.zeros(0, np.int64)
 THIN = 0.1  # [1] length of an edge that is contracted, over the longest side of a triangle there
 
 
-def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
+def contract_edges(mesh: Mesh, shortest: float, stay: np.ndarray = NONE) -> tuple[Mesh, np.ndarray]:
     """The mesh with both ends of each edge at one of them that is below `shortest` [m] and, in one of its triangles,
     below `THIN` of the longest side; the same object if no edge is. Edges remain that are part of a longer chain, as on
-    a cylinder of long strips, or whose contraction would join more than two triangles at an edge, or fold them."""
+    a cylinder of long strips, or whose contraction would join more than two triangles at an edge, or fold them.
+
+    stay  (n) vertices at which an edge ends, rather than at others
+
+    Also the vertex of the result (V) that each becomes, -1: none.
+    """
     count = len(mesh.vertices)
     ends, of, _ = edges_of(mesh.triangles.astype(np.int64), count)
     length = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
@@ -26,27 +32,34 @@ def contract_edges(mesh: Mesh, shortest: float) -> Mesh:
     np.maximum.at(longest, of.ravel(), np.repeat(length[of].max(axis=1), 3))
     short = ends[(length < shortest) & (length <= THIN * longest)]
     if not len(short):
-        return mesh
+        return mesh, np.arange(count)
     graph = scipy.sparse.coo_array((np.ones(len(short), bool), tuple(short.T)), shape=(count, count))
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    first = np.unique(label, return_index=True)[1][label]
+    others = np.ones(count, bool)
+    others[stay] = False
+    order = np.argsort(others, kind="stable")
+    first = order[np.unique(label[order], return_index=True)[1]][label]
     kept = np.zeros(count, bool)  # by label
     kept[label[np.linalg.norm(mesh.vertices - mesh.vertices[first], axis=1) > 2.0 * shortest]] = True
     kept |= np.bincount(label, minlength=count) < 2
     while not kept[label].all():
-        corners = np.where(kept[label], np.arange(count), first)[mesh.triangles]
+        becomes = np.where(kept[label], np.arange(count), first)
+        corners = becomes[mesh.triangles]
         remains = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
         whole = corners[remains]
         if not len(whole):
-            return mesh
+            return mesh, np.arange(count)
         folded = mesh.triangles[remains][_is_folded(mesh.vertices, mesh.triangles[remains], whole)]
         wrong = label[np.concatenate([_joined_twice(whole, count), folded.ravel()])]
         if kept[wrong].all():
             used, triangles = np.unique(whole, return_inverse=True)
             points, triangles = mesh.vertices[used], triangles.reshape(-1, 3)
-            return Mesh(np.ascontiguousarray(points), np.ascontiguousarray(triangles, dtype=np.int32))
+            contracted = Mesh(np.ascontiguousarray(points), np.ascontiguousarray(triangles, dtype=np.int32))
+            number = np.full(count, -1)
+            number[used] = np.arange(len(used))
+            return contracted, number[becomes]
         kept[wrong] = True
-    return mesh
+    return mesh, np.arange(count)
 
 
 def _joined_twice(triangles: np.ndarray, count: int) -> np.ndarray:

@@ -12,9 +12,9 @@ one: on a torus with a tube of 8 mm and 4953 vertices their error is 0.39 degree
 because edges are divided in some triangles and not in others. That of the fits is 0.013. The error of a foot at the
 depth d is that of the normal times d/(1 - d/R): 0.1 degrees are 0.1 mm at 80 % of a tube of 14 mm.
 
-Edges at which the surface bends by more than 40 degrees and borders stay straight, and at their ends an edge takes the
-normal of its two triangles, so a box stays a box. So does an edge at a corner, such as the tip of a cone, whose normal
-differs by more than 40 degrees from that of a triangle there.
+Edges at which the surface bends by more than 40 degrees, rims that bend by less (`rims`) and borders stay straight, and
+at their ends an edge takes the normal of its two triangles, so a box stays a box, and a flat cut stays flat. So does an
+edge at a corner, such as the tip of a cone, whose normal differs by more than 40 degrees from that of a triangle there.
 
 Then edges are divided whose normals differ by more than `TURN` between their ends. A tool at a depth d below a surface
 with the radius R has a foot that stays on a triangle of the length h, and hops by h d/R to the next one. So, if a torus
@@ -22,8 +22,8 @@ with a tube of 14 mm has edges of 1.6 mm (0.11 rad), the force of deep touches d
 edges. A sphere of any size needs 9000 vertices for `TURN`. This is left out where it would divide many edges, as on the
 steps of a segmentation, whose normals are noise.
 
-Before, short edges of thin triangles are contracted (`contracted`), obtuse triangles are flipped (`flipped`, also after
-each division), and vertices that scatter are moved onto a smooth surface (`smoothed`).
+Before, short edges of thin triangles are contracted (`contracted`), towards rims, obtuse triangles are flipped
+(`flipped`, also after each division), and vertices that scatter are moved onto a smooth surface (`smoothed`).
 """
 
 import numpy as np
@@ -38,6 +38,7 @@ from palpate.physics.geometry.refined.edge_list import edges_of
 from palpate.physics.geometry.refined.edges import creases, direction, length_between, unit
 from palpate.physics.geometry.refined.flipped import flip_caps
 from palpate.physics.geometry.refined.normals import fit_normals
+from palpate.physics.geometry.refined.rims import find_rims
 from palpate.physics.geometry.refined.smoothed import smooth_vertices
 
 ROUNDS = 12  # largest number of halvings
@@ -51,8 +52,9 @@ SHORTEST = 0.2  # [1] length of an edge that is contracted, over the wanted one
 def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     """The mesh with edges of at most `longest` [m], or longer if it would have more than about `most` vertices, and
     shorter where it bends (`TURN`); the same object if it has short edges, no thin triangles and no scatter."""
-    mesh = remove_thin(mesh, SHORTEST * longest)
+    mesh, rims = remove_thin(mesh, SHORTEST * longest)
     sharp, corner = creases(mesh)
+    sharp = np.unique(np.concatenate([sharp, rims]), axis=0)
     mesh = smooth_vertices(mesh, sharp, corner)
     finest = FINEST * longest
     longest = max(longest, float(np.sqrt(mesh.areas.sum() / (0.5 * np.sqrt(3.0) * most))))
@@ -81,15 +83,25 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
     return Mesh(np.ascontiguousarray(divided.points), triangles, divided.known_normals())
 
 
-def remove_thin(mesh: Mesh, shortest: float) -> Mesh:
+def remove_thin(mesh: Mesh, shortest: float) -> tuple[Mesh, np.ndarray]:
     """The mesh without caps, and without edges below `shortest` [m] of thin triangles; the same object if it has none
-    of either."""
-    mesh = contract_edges(mesh, shortest)
+    of either. And the ends (K,2) of its rims (`find_rims`), which are found before, because flips could remove them."""
+    rims = find_rims(mesh)
+    mesh, number = contract_edges(mesh, shortest, rims.ravel())
+    rims = _renumbered(rims, number)
     triangles = mesh.triangles.astype(np.int64)
-    flipped = flip_caps(mesh.vertices, triangles, np.zeros((0, 2), np.int64))
+    flipped = flip_caps(mesh.vertices, triangles, rims)
     if flipped is triangles:
-        return mesh
-    return contract_edges(Mesh(mesh.vertices, np.ascontiguousarray(flipped, dtype=np.int32)), shortest)
+        return mesh, rims
+    flat = Mesh(mesh.vertices, np.ascontiguousarray(flipped, dtype=np.int32))
+    mesh, number = contract_edges(flat, shortest, rims.ravel())
+    return mesh, _renumbered(rims, number)
+
+
+def _renumbered(edges: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """The edges (K,2) whose vertices get these numbers, lower first, in ascending order, without those that vanish."""
+    edges = np.sort(number[edges], axis=1)
+    return np.unique(edges[(edges[:, 0] >= 0) & (edges[:, 0] < edges[:, 1])], axis=0)
 
 
 class _Divided:

@@ -1,6 +1,7 @@
 """Edges of a triangle mesh, the directions of its triangles, and where its surface is not smooth."""
 
 import numpy as np
+import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import einsum
 from palpate.compiler.kernel import ieee_kernel, kernel
@@ -9,6 +10,7 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.refined.edge_list import edges_of
 
 CREASE = 0.766  # [1] cosine of 40 degrees, between the normals of two triangles
+SAME = 0.99996  # [1] cosine of 0.5 degrees
 THINNEST = 0.004  # [1] height over the longest side below which the normal of a triangle is not known
 
 
@@ -29,13 +31,29 @@ def is_thin(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) <= THINNEST * side * side)
 
 
+def known_normals(points: np.ndarray, triangles: np.ndarray, two: np.ndarray) -> np.ndarray:
+    """Whether the normal of each triangle (T) is known: it is not too thin for one, or has the same as its neighbour,
+    directly or through others, which is known. Flat sides are often divided into thin triangles.
+
+    two  (E,2) triangles of each edge, as of `edges_of`
+    """
+    thin, facing = is_thin(points, triangles), directions(points, triangles)
+    near = two[thin[two].any(axis=1)]
+    near = near[einsum("ij,ij->i", facing[near[:, 0]], facing[near[:, 1]]) > SAME]
+    graph = scipy.sparse.coo_array((np.ones(len(near), bool), tuple(near.T)), shape=(len(thin), len(thin)))
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    known = np.zeros(len(thin), bool)
+    known[label[~thin]] = True
+    return np.asarray(known[label])
+
+
 def creases(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Ends (K,2), lower first, of the edges of the border and of those at which the surface bends by more
     than 40 degrees, and the vertices (C) whose normal differs by more from that of a triangle. Triangles that are too
     thin for a normal do not count."""
     triangles = mesh.triangles.astype(np.int64)
     ends, of, two = edges_of(triangles, len(mesh.vertices))
-    facing, known = directions(mesh.vertices, triangles), ~is_thin(mesh.vertices, triangles)
+    facing, known = directions(mesh.vertices, triangles), known_normals(mesh.vertices, triangles, two)
     bend = einsum("ij,ij->i", facing[two[:, 0]], facing[two[:, 1]])
     border = np.bincount(of.ravel(), minlength=len(ends)) == 1
     off = np.asarray(einsum("ikj,ij->ik", mesh.normals[triangles], facing)) < CREASE
