@@ -32,13 +32,13 @@ def slot(tmp_path_factory):
     """The values of `--set` of the block, whose basis is built."""
     folder = tmp_path_factory.mktemp("slot")
     file = folder / "slot.ply"
-    write_ply(file, slotted(GAP, (-0.5 * GAP,), 12 * MM, 400))
+    write_ply(file, slotted(GAP, (-0.5 * GAP,), 12 * MM, 200))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder))
-        body = ReducedFE(surface=str(file), coarse=100, bed=1e4)
+        body = ReducedFE(surface=str(file), coarse=200, bed=1e4)
         basis.make(body, basis.home(body, basis_store.cache()))
         yield [
-            "collision.use=collision.Mesh", "tissue.use=deformation.ReducedFE", "tissue.bed=1e4", "tissue.coarse=100",
+            "collision.use=collision.Mesh", "tissue.use=deformation.ReducedFE", "tissue.bed=1e4", "tissue.coarse=200",
             f"scene.surface.surface={file}", f"scene.surface.position=[0, 0, {TOP - 12e-3}]",
             "scene.energy.ledger=true", f"scene.hand.begin=[0, -0.003, {TOP + 8e-3}]", f"scene.hand.path={PRESS}",
         ]  # fmt: skip
@@ -151,6 +151,7 @@ def test_a_graph_without_the_key_is_unchanged():
 
 @pytest.mark.parametrize(("given", "text"), [
     ("4 mm", "expected a mapping of bodies to settings"),
+    ("{tissue: 4 mm}", "expected a mapping of settings"),
     ("{tisue: {reach: 4 mm}}", "Did you mean 'tissue'"),
     ("{tissue: {reach: 4 s}}", "reach"),
 ])  # fmt: skip

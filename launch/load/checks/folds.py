@@ -41,11 +41,14 @@ def add_folds(graph: YamlSource, scene: YamlSource, faults: Faults) -> None:
         return
     lines = {line.name: line for line in lines_of(nodes)}
     known = [line.name for line in lines.values() if line.sends(Surface) and line.ports(Load)]
-    for body in given:
+    for body, settings in given.items():
         name, at = f"folds-{body}", scene.place(FOLDS, body)
         if body not in known:
             text = f"{FOLDS}: {written(body)} is no body of the graph"
             faults.add(text, choices("Bodies", str(body), known), at)
+        elif not isinstance(settings, dict):
+            text = f"{FOLDS}: found {written(settings)} for {body!r}, expected a mapping of settings, such as {{}}"
+            faults.add(text, EXAMPLE, at)
         elif name not in nodes:
             _add(name, lines[body], lines, graph, at)
         elif not (isinstance(nodes[name], dict) and nodes[name].get("use") == USE):
