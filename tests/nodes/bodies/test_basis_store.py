@@ -21,6 +21,7 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE, basis_store
 from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.geometry.felt import opposite
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials import hyperelastic
 
@@ -120,7 +121,7 @@ def test_a_basis_contains_its_inputs(tmp_path):
     assert basis_store.about(tmp_path / "none.npz") is None
 
 
-ORGAN = (organ, walls, hyperelastic)
+ORGAN = (organ, walls, opposite, hyperelastic)
 SAMPLED = (*ORGAN, reduction, sampling, snapshots, fingertip, reducible)
 """Modules whose constants and default fields a basis depends on."""
 VERSIONS = {"condensed": (4, "316b9e1812b2041e"), "sampled": (4, "38f5538f1472630c")}
