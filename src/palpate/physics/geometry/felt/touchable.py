@@ -10,7 +10,7 @@ from palpate.compiler.exact import einsum
 from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
-from palpate.physics.arrays import Indices, Record
+from palpate.physics.arrays import Indices, Matrix, Record
 from palpate.physics.geometry.bvh import morton
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import STACK, MeshClosestPoint, _disc, _on_triangle
@@ -23,10 +23,13 @@ SLACK = 20e-6
 """[m] By which another part may be inside the ball: facets of 1.6 mm on a concave surface just wider than the ball are
 16 um nearer than the surface that they approximate."""
 TOGETHER = 8  # balls that share a search
+FEW = 64  # nodes of a search of which all vertices are tested first
 LEVELS = 2  # of the tree above the leaves that each ball searches alone
 BALLS = element_type({"centre": (3,), "middle": (3,), "normal": (3,), "hidden": int})
 """A ball that would touch the middle [m] of a triangle with this normal [1]: its centre [m], and 1 if it cannot."""
-LEVEL = 1e-12  # [m] over the tangent plane up to which a part is below it, for rounding
+LEVEL = SLACK - 1e-9
+"""[m] Over the tangent plane up to which a part is outside of a ball that is smaller by `SLACK`, with a margin for
+rounding: on scattered meshes neighbouring vertices are above the plane, by less."""
 SHORT = 1 / 3  # [1] of the radius: longest edge of a triangle whose middle represents it
 
 
@@ -68,9 +71,10 @@ def hides(closest: MeshClosestPoint, points: np.ndarray, normals: np.ndarray, ra
     balls["middle"], balls["normal"] = points[order], normals[order]
     balls["centre"] = balls["middle"] + radius * balls["normal"]
     tables = closest.tables
-    nodes = np.empty(len(tables.discs), np.int64)
+    count, nodes = len(tables.points), np.empty(len(tables.discs), np.int64)
     closed = closest.mesh.closed  # a sheet has no inside
-    _fill(*tables.arrays, balls, radius, closed, nodes, np.empty(STACK, np.int64), blank_record(FOOT))
+    _fill(*tables.arrays, balls, radius, closed, nodes, np.empty(STACK, np.int64), blank_record(FOOT),
+          np.full(count, -1), np.empty((3, count)))  # fmt: skip
     hidden[order] = balls["hidden"] > 0
     return hidden
 
@@ -78,13 +82,17 @@ def hides(closest: MeshClosestPoint, points: np.ndarray, normals: np.ndarray, ra
 @kernel
 def _fill(
     points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, balls: Record, radius: float,
-    closed: bool, nodes: Indices, work: Indices, foot: Record,
+    closed: bool, nodes: Indices, work: Indices, foot: Record, seen: Indices, around: Matrix,
 ):  # fmt: skip
     """Fill in whether each ball is hidden. First the triangle is tested that hid the ball before. Neighbouring balls
-    share the search down to `LEVELS` above the leaves."""
+    share the search down to `LEVELS` above the leaves. On a convex surface it finds no vertex above their tangent
+    planes.
+
+    seen (V), around (3,V)  workspaces, the first of -1
+    """
     last, enough = -1, (radius - SLACK) ** 2
     for begin in range(0, len(balls), TOGETHER):
-        some, size = balls[begin : begin + TOGETHER], -1
+        some, size, close, few = balls[begin : begin + TOGETHER], -1, 0, False
         for ball in some:
             if last >= 0 and _above(points, cells, last, ball, radius):
                 square, _, _, _ = _on_triangle(points, cells, last, ball.centre[0], ball.centre[1], ball.centre[2])
@@ -93,6 +101,12 @@ def _fill(
                     continue
             if size < 0:
                 size = _nodes_near(discs, some, radius, nodes, work)
+                few = size <= FEW
+                if few:
+                    close = _gather(points, cells, len(discs) // 2, nodes[:size], begin, seen, around)
+            if few and not _any_above(around[:, :close], ball, radius):
+                last = -1
+                continue
             best, least = _in_front(points, cells, discs, ball, radius, nodes[:size], work)
             last = -1
             if best >= 0:
@@ -147,6 +161,41 @@ def _nodes_near(discs: Record, balls: Record, radius: float, found: Indices, wor
             work[depth], work[depth + 1] = 2 * node, 2 * node + 1
             depth += 2
     return size
+
+
+@kernel
+def _gather(
+    points: Record, cells: Record, leaves: int, near: Indices, number: int, seen: Indices, around: Matrix
+):  # fmt: skip
+    """Fill in the positions [m] (3,n) of the vertices of all triangles below these nodes, each once; returns n. Those
+    already found have the number of this search in `seen` (V)."""
+    size, count = 0, len(cells)
+    for node in near:
+        below = 1
+        while node * below < leaves:
+            below *= 2
+        first = node * below - leaves
+        for t in range(first * count // leaves, (first + below) * count // leaves):
+            for k in range(3):
+                v = cells[t].corners[k]
+                if seen[v] != number:
+                    seen[v] = number
+                    for i in range(3):
+                        around[i, size] = points[v].position[i]
+                    size += 1
+    return size
+
+
+@kernel
+def _any_above(around: Matrix, ball: Record, radius: float):
+    """Whether a vertex [m] (3,n) is above the tangent plane of a ball (`_above`)."""
+    p0, p1, p2 = vector(ball.centre)
+    n0, n1, n2 = vector(ball.normal)
+    x, y, z = around
+    found, limit = 0, radius - LEVEL
+    for k in range(len(x)):
+        found += 1 if (p0 - x[k]) * n0 + (p1 - y[k]) * n1 + (p2 - z[k]) * n2 < limit else 0
+    return found > 0
 
 
 @kernel

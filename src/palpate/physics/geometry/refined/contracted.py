@@ -49,14 +49,15 @@ def contract_edges(mesh: Mesh, shortest: float, stay: np.ndarray = NONE) -> tupl
         whole = corners[remains]
         if not len(whole):
             return mesh, np.arange(count)
-        folded = mesh.triangles[remains][_is_folded(mesh.vertices, mesh.triangles[remains], whole)]
+        before = mesh.triangles[remains]
+        moved = (whole != before).any(axis=1)
+        folded = before[moved][_is_folded(mesh.vertices, before[moved], whole[moved])]
         wrong = label[np.concatenate([_joined_twice(whole, count), folded.ravel()])]
         if kept[wrong].all():
-            used, triangles = np.unique(whole, return_inverse=True)
-            points, triangles = mesh.vertices[used], triangles.reshape(-1, 3)
-            contracted = Mesh(np.ascontiguousarray(points), np.ascontiguousarray(triangles, dtype=np.int32))
+            used = np.flatnonzero(np.bincount(whole.ravel(), minlength=count))
             number = np.full(count, -1)
             number[used] = np.arange(len(used))
+            contracted = Mesh(mesh.vertices[used], np.ascontiguousarray(number[whole], dtype=np.int32))
             return contracted, number[becomes]
         kept[wrong] = True
     return mesh, np.arange(count)
@@ -66,10 +67,12 @@ def _joined_twice(triangles: np.ndarray, count: int) -> np.ndarray:
     """Vertices (n) of triangles (T,3) of `count` vertices that occur twice, and of edges of more than two triangles."""
     ends, of, _ = edges_of(triangles, count)
     number = np.bincount(of.ravel(), minlength=len(ends))
-    corner = np.sort(triangles, axis=1)
-    order = np.lexsort(corner.T)
-    same = (corner[order[1:]] == corner[order[:-1]]).all(axis=1)
-    return np.concatenate([triangles[order[1:][same]].ravel(), ends[number > 2].ravel()])
+    # the first edge in ascending order is that of the two lower corners
+    key = of.min(axis=1) * count + triangles.max(axis=1)
+    ordered = np.sort(key)
+    twice = ordered[1:][ordered[1:] == ordered[:-1]]
+    repeated = triangles[np.isin(key, twice)] if len(twice) else triangles[:0]
+    return np.concatenate([repeated.ravel(), ends[number > 2].ravel()])
 
 
 def _is_folded(points: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:

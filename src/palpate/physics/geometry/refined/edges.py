@@ -5,7 +5,7 @@ import scipy  # loads its submodules when they are used
 
 from palpate.compiler.exact import einsum
 from palpate.compiler.kernel import ieee_kernel, kernel
-from palpate.physics.arrays import Array, Matrix
+from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.refined.edge_list import edges_of
 
@@ -26,9 +26,9 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 def is_thin(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Whether each triangle (T) of points [m] (V,3) is too thin for a normal."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    side = np.max([np.linalg.norm(each, axis=1) for each in (b - a, c - b, a - c)], axis=0)
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) <= THINNEST * side * side)
+    thin = np.empty(len(triangles), bool)
+    _find_thin(np.ascontiguousarray(points), np.ascontiguousarray(triangles, np.int64), thin)
+    return thin
 
 
 def known_normals(points: np.ndarray, triangles: np.ndarray, two: np.ndarray) -> np.ndarray:
@@ -70,8 +70,15 @@ def direction(points: Matrix, i: int, j: int, k: int):
 
 
 @ieee_kernel
+def _find_thin(points: Matrix, triangles: Indices, thin: Indices):
+    """Fill in whether each triangle (T) is too thin for a normal."""
+    for t in range(len(triangles)):
+        thin[t] = too_thin(points, triangles[t, 0], triangles[t, 1], triangles[t, 2])
+
+
+@ieee_kernel
 def too_thin(points: Matrix, i: int, j: int, k: int):
-    """Whether a triangle is too thin for a normal (`is_thin`), in a kernel."""
+    """Whether a triangle is too thin for a normal, in a kernel."""
     x, y, z = _area(points, i, j, k)
     side = max(
         length_between(points[j], points[i]), length_between(points[k], points[j]), length_between(points[i], points[k])

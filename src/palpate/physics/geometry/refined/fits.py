@@ -9,6 +9,7 @@ from palpate.physics.geometry.refined.edge_list import sort_few
 
 DEGREE = 3
 TERMS = 9  # of a cubic without c_00
+POWERS = (2 * DEGREE + 1) * (DEGREE + 1)  # 28, of x and y up to the sixth degree
 RIDGE = 1e-9  # [1] regularization of coefficients that few neighbours do not determine
 FIT = np.dtype({
     "names": ["one", "two", "wide", "number", "terms", "noise"],
@@ -78,7 +79,7 @@ def fit_cubic(
     # by the moments of x and y up to the sixth
     terms = TERMS + 1 if free else TERMS
     skipped = 0 if free else 1
-    moments, powers = np.zeros((2 * DEGREE + 1, 2 * DEGREE + 1)), np.empty((2 * DEGREE + 1, 2 * DEGREE + 1))
+    moments, powers = np.zeros(POWERS), np.ones(POWERS)
     for i in range(terms):
         right[0, i, 0] = 0.0
     total = 0.0
@@ -88,14 +89,10 @@ def fit_cubic(
         places[k, 0], places[k, 1], places[k, 2] = x, y, z
         total += weight
         _raise(x, y, 2 * DEGREE, powers)
-        for degree in range(skipped, 2 * DEGREE + 1):
-            for j in range(degree + 1):
-                moments[degree - j, j] += weight * powers[degree - j, j]
-        at = 0
-        for degree in range(skipped, DEGREE + 1):
-            for j in range(degree + 1):
-                right[0, at, 0] += weight * z * powers[degree - j, j]
-                at += 1
+        for m in range(POWERS):
+            moments[m] += weight * powers[m]
+        for i in range(terms):
+            right[0, i, 0] += weight * z * powers[skipped + i]
     _fill_equations(moments, skipped, left)
     if not solve_in_place(left[:, :terms, :terms], right[:, :terms]):
         return False
@@ -104,11 +101,8 @@ def fit_cubic(
         x, y, z = places[k, 0], places[k, 1], places[k, 2]
         weight = 1.0 / (x * x + y * y + near)
         _raise(x, y, DEGREE, powers)
-        at = 0
-        for degree in range(skipped, DEGREE + 1):
-            for j in range(degree + 1):
-                z -= right[0, at, 0] * powers[degree - j, j]
-                at += 1
+        for i in range(terms):
+            z -= right[0, i, 0] * powers[skipped + i]
         noise += weight * z * z
     for i in range(terms):
         fit.terms[i] = right[0, i, 0]
@@ -117,15 +111,17 @@ def fit_cubic(
 
 
 @kernel
-def _fill_equations(moments: Matrix, skipped: int, left: Matrix):
-    """Fill the matrix (1,n,n) of the normal equations of the terms x^i y^j, i + j >= `skipped`."""
+def _fill_equations(moments: Array, skipped: int, left: Matrix):
+    """Fill the matrix (1,n,n) of the normal equations of the terms x^i y^j, i + j >= `skipped`, from the moments (28),
+    in the order of `_raise`."""
     row, most = 0, -np.inf
     for one in range(skipped, DEGREE + 1):
         for j in range(one + 1):
             column = 0
             for other in range(skipped, DEGREE + 1):
+                first = (one + other) * (one + other + 1) // 2 + j
                 for l in range(other + 1):
-                    value = moments[one - j + other - l, j + l]
+                    value = moments[first + l]
                     left[0, row, column] = value
                     most = max(most, value)
                     column += 1
@@ -135,13 +131,15 @@ def _fill_equations(moments: Matrix, skipped: int, left: Matrix):
 
 
 @kernel
-def _raise(x: float, y: float, most: int, powers: Matrix):
-    """Fill in x^i y^j, i + j <= `most`."""
-    powers[0, 0], powers[1, 0], powers[0, 1] = 1.0, x, y
-    for k in range(2, most + 1):
-        for j in range(k):
-            powers[k - j, j] = powers[k - j - 1, j] * x
-        powers[0, k] = powers[0, k - 1] * y
+def _raise(x: float, y: float, most: int, powers: Array):
+    """Fill in 1, x, y, x², xy, y², ...: x^i y^j, i + j <= `most`, by degree."""
+    begin = 0
+    for degree in range(1, most + 1):
+        end = begin + degree  # of the powers of the degree before, where those of this degree begin
+        for j in range(degree):
+            powers[end + j] = powers[begin + j] * x
+        powers[end + degree] = powers[end - 1] * y
+        begin = end
 
 
 @kernel
