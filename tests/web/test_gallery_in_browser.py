@@ -35,7 +35,9 @@ def touches(tmp_path, monkeypatch):
 
 
 def press_and_lift(page):
-    page.mouse.move(500, 330)
+    """Press a little above the middle of the picture, where each page shows an organ."""
+    box = page.locator("#view").bounding_box()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.45 * box["height"])
     page.mouse.down()
     page.wait_for_function("palpate.newest.load > 0")
     page.mouse.up()
