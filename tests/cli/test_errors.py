@@ -20,8 +20,8 @@ from palpate.physics.errors import PalpateError
 FOLDERS = ("src/palpate", "messages", "nodes", "launch")
 INSIDE = {
     "Broken", "ClosedError", "DisturbedError", "EndedError", "HangError", "Inverted", "LinkError", "MissingInput",
-    "NotPositive", "ProcessorError", "RefusedError", "UncheckedError", "UnheldError", "UnnamedError", "UntrustedError", "ZmtpError",
-    "_NoEquilibrium",
+    "NotPositive", "ProcessorError", "RefusedError", "UncheckedError", "UnheldError", "UnnamedError", "UntrustedError",
+    "ZmtpError", "_NoEquilibrium",
 }  # fmt: skip
 """Internal errors, which their callers always catch."""
 APART = {"MessageError"}
