@@ -15,8 +15,8 @@ _LENGTH = struct.Struct("<Q")  # of the table of a module, before its code
 
 
 def stored(name: str, make: Callable[[], Linked]) -> Linked:
-    """The module of this name in the cache, made and stored if it is missing. A process that makes the same one is waited
-    for, not one that makes another."""
+    """The module of this name in the cache, made and stored if it is missing, after waiting for a process that makes
+    the same one."""
     folder = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
     with kernel_files.hold_lock(folder, f"{name}.lock"):
         with contextlib.suppress(UntrustedError):  # another user can have written it
