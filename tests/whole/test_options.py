@@ -51,6 +51,8 @@ IN_PLACE = {
 """Nodes that run in place of another one."""
 NOT_RUN = {
     "actuator.SoundCard": "an observer that needs a sound card",
+    "contact.Folds": "in no shipped graph; tests/whole/test_folds.py",
+    "contact.Wall": "in no shipped graph; tests/whole/test_folds.py",
     "device.Mouse": "needs a program that sends the mouse; tests/views",
     "device.RecordedPose": "needs a recording; tests/nodes/test_recorded_pose.py",
     "device.Replayed": "needs a recording; tests/records",
