@@ -1,6 +1,6 @@
 """The files of a page: each file of data is named after the hash of its compressed content, which the page checks.
 
-Data that the same variants need are one file: for each request a browser uses about 3 ms of processor time."""
+Data that the same variants need are one file: for each request a browser uses about 2 ms of processor time."""
 
 from __future__ import annotations
 
