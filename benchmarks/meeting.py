@@ -1,11 +1,12 @@
 """Two organs pressed together, by contact.Between, against full finite elements.
 
-    python benchmarks/meeting.py [NAME ...] [--cells 160] [--vertices 10000] [--full] [--store] [--json]
+    python benchmarks/meeting.py [NAME ...] [--cells 160] [--vertices 10000] [--closest X] [--full] [--store] [--json]
 
 Names: balls, ball-slab, ball-bowl, cylinders, blocks; by default those that are stored. Both organs are
 deformation.ReducedFE, linear, without memory. Prints force and area over those of the reference, by closing of the
 foundations, and the time of a tick of contact and bodies over that before the contact, and of the contact alone.
 
+--closest  compares at closings up to X R, with a reference that is solved for it
 --full   also solves the reference on both meshes again, with its time: two minutes a meeting
 --store  the same, and stores it in src/palpate/studies/meeting/references.json
 """
@@ -13,6 +14,7 @@ foundations, and the time of a tick of contact and bodies over that before the c
 import argparse
 import json
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ from palpate.launch.run.progress import StageBars
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.errors import ArgumentError
 from palpate.studies.meeting import full, reduced, stored
-from palpate.studies.meeting.solids import MEETINGS
+from palpate.studies.meeting.solids import MEETINGS, Meeting
 from palpate.studies.peers.continuum import BED, POISSON, YOUNG
 
 MATERIAL = {"young": YOUNG, "poisson": POISSON, "bed": BED, "retardation": 0.0, "model": "linear"}
@@ -29,9 +31,8 @@ COARSE, FINE = 3, 4  # cells across the radius of contact
 TICKS = 400
 
 
-def measure(name: str, cells: int, vertices: int) -> dict[str, Any]:
-    """Ratios of a meeting, and the time of its ticks."""
-    meeting, right = MEETINGS[name], stored.reference(name)
+def measure(name: str, meeting: Meeting, right: dict[str, Any], cells: int, vertices: int) -> dict[str, Any]:
+    """Ratios of a meeting to a reference, as of `stored.joined`, and the time of its ticks."""
     levels = np.array(right["closing"])
     closings = np.linspace(-1e-4, levels[-1], TICKS)
     found = reduced.run(meeting, ReducedFE, MATERIAL, closings, repeats=3, vertices=vertices, cells=cells)
@@ -81,10 +82,14 @@ def main() -> None:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--cells", type=int, default=160)
     parser.add_argument("--vertices", type=int, default=10000)
+    parser.add_argument("--closest", type=float, metavar="X", help="[1] largest closing over R")
     parser.add_argument("--full", action="store_true")
     parser.add_argument("--store", action="store_true")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
+    if given.closest is not None and (given.store or not 0.0 < given.closest <= 0.5):
+        parser.error("--closest: expected a number up to 0.5, without --store")
+    solves = given.full or given.store or given.closest is not None
     kept = list(stored.references()) if stored.PATH.is_file() else []
     try:
         names = reduced.choose_meetings(given.names or (list(MEETINGS) if given.store else kept))
@@ -93,17 +98,21 @@ def main() -> None:
     results = []
     with StageBars(silent=given.json) as bars:
         for name in names:
-            if given.full or given.store:
+            meeting = MEETINGS[name]
+            if given.closest is not None:
+                meeting = replace(meeting, closest=given.closest)
+            if solves:
                 curves = []
                 for cells in (COARSE, FINE):
                     done = bars.begin(f"{name}: full model, {cells} cells a radius", "")
-                    curves.append(full.solve(MEETINGS[name], cells, done))
+                    curves.append(full.solve(meeting, cells, done))
                     done(1.0)
                 if given.store:
                     stored.store({name: (curves[0], curves[1])})
             done = bars.begin(f"{name}: bodies", "", total=None)
-            results.append(measure(name, given.cells, given.vertices))
-            if given.full:
+            right = stored.reference(name) if given.closest is None else stored.joined(curves[0], curves[1])
+            results.append(measure(name, meeting, right, given.cells, given.vertices))
+            if given.full and given.closest is None:
                 results[-1]["solved again/stored"] = np.max(np.abs(
                     curves[1].force / np.array(stored.reference(name)["force"])[: len(curves[1].force)] - 1.0
                 ))  # fmt: skip

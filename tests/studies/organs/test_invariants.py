@@ -133,14 +133,18 @@ def slide(folder):
 
 
 def test_a_force_is_explained_at_its_place(slide):
-    """By the force at rest at the foot of the tick itself. Taken at the deepest place, the bound of the side of the
+    """By the force at rest at the foot of the tick itself, if the foot is slow. Taken at the deepest place, the bound of the side of the
     ball counted at its base, and that of a base would count at a side."""
     ((trace,),) = trace_batch([slide])
     pressed = np.flatnonzero(trace["contact.force"] > 0.5)
     rest = np.array([ABOVE * float(trace.place(k).force(trace.reach[k])) for k in pressed[::40].tolist()])
     assert rest.max() > 2.0 * rest.min() and len(rest) > 20
     share = trace.static[pressed[::40]] / rest
-    assert share.min() > 0.97 and share.max() < 1.35
+    foot = trace["contact.foot"]
+    moved = np.linalg.norm(foot[np.minimum(pressed[::40] + 10, len(foot) - 1)] - foot[pressed[::40] - 10], axis=1)
+    slow = moved < 0.4e-3
+    # a foot that passes from the base to the side within its window has the largest force of the places there
+    assert share.min() > 0.97 and share[slow].max() < 1.1 and slow.sum() > 15
     places = np.diff(trace["contact.foot"][trace.visited], axis=0)
     assert 8 < len(trace.visited) < 40 and np.linalg.norm(places, axis=1).max() < 5e-3
 

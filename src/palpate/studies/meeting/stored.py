@@ -44,16 +44,21 @@ def store(curves: dict[str, tuple[FullCurve, FullCurve]]) -> None:
     """Store the curves of meetings on a coarse and on a fine mesh: the fine one, and as band their difference."""
     made = references() if PATH.is_file() else {}
     for name, (coarse, fine) in curves.items():
-        count = min(len(coarse.force), len(fine.force))
-        made[name] = {
-            "closing": fine.closing[:count].tolist(), "force": fine.force[:count].tolist(),
-            "area": fine.area[:count].tolist(),
-            "force band": np.abs(fine.force[:count] - coarse.force[:count]).tolist(),
-            "area band": np.abs(fine.area[:count] - coarse.area[:count]).tolist(),
-            "unknowns": [coarse.unknowns, fine.unknowns], "seconds": [coarse.seconds, fine.seconds],
-        }  # fmt: skip
+        made[name] = joined(coarse, fine)
     replace_text(PATH, json.dumps(made, indent=1) + "\n")
     references.cache_clear()
+
+
+def joined(coarse: FullCurve, fine: FullCurve) -> dict[str, Any]:
+    """The curve on the fine mesh, and as band its difference to that on the coarse one, for JSON."""
+    count = min(len(coarse.force), len(fine.force))
+    return {
+        "closing": fine.closing[:count].tolist(), "force": fine.force[:count].tolist(),
+        "area": fine.area[:count].tolist(),
+        "force band": np.abs(fine.force[:count] - coarse.force[:count]).tolist(),
+        "area band": np.abs(fine.area[:count] - coarse.area[:count]).tolist(),
+        "unknowns": [coarse.unknowns, fine.unknowns], "seconds": [coarse.seconds, fine.seconds],
+    }  # fmt: skip
 
 
 def meeting_values(name: str, closing: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
