@@ -133,8 +133,8 @@ def slide(folder):
 
 
 def test_a_force_is_explained_at_its_place(slide):
-    """By the force at rest at the foot of the tick itself, if the foot is slow. Taken at the deepest place, the bound of the side of the
-    ball counted at its base, and that of a base would count at a side."""
+    """By the force at rest at the foot of the tick itself, if it is slow. Taken at the deepest place, the bound of
+    the side of the ball counted at its base, and that of a base would count at a side."""
     ((trace,),) = trace_batch([slide])
     pressed = np.flatnonzero(trace["contact.force"] > 0.5)
     rest = np.array([ABOVE * float(trace.place(k).force(trace.reach[k])) for k in pressed[::40].tolist()])
