@@ -43,6 +43,13 @@ def test_pairs_cover_both_walls_once_and_know_their_gap():
     assert at[:, :2] == approx(0.0, abs=1e-9)  # opposite points
 
 
+@pytest.mark.parametrize("gap", [1e-6, 1e-5, 1e-4])
+def test_walls_are_near_however_small_their_gap_is(gap):
+    """Facets may be 20 um above a tangent plane, and so may another wall."""
+    near = near_walls(stacked(gap)[1], 1e-3, np.inf)
+    assert near is not None and near.walls.sum() >= 2 * 2 * 2
+
+
 def test_two_blocks_in_series_are_as_soft_as_both_and_the_layer():
     """Uniaxial stress by hand: 2 H / E + 1 / k, with lateral expansion free."""
     mesh, surface = stacked()

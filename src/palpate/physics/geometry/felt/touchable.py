@@ -27,9 +27,7 @@ FEW = 64  # nodes of a search of which all vertices are tested first
 LEVELS = 2  # of the tree above the leaves that each ball searches alone
 BALLS = element_type({"centre": (3,), "middle": (3,), "normal": (3,), "hidden": int})
 """A ball that would touch the middle [m] of a triangle with this normal [1]: its centre [m], and 1 if it cannot."""
-LEVEL = SLACK - 1e-9
-"""[m] Over the tangent plane up to which a part is outside of a ball that is smaller by `SLACK`, with a margin for
-rounding: on scattered meshes neighbouring vertices are above the plane, by less."""
+LEVEL = 1e-12  # [m] over the tangent plane up to which a part is below it, for rounding: walls may be 5 um apart
 SHORT = 1 / 3  # [1] of the radius: longest edge of a triangle whose middle represents it
 
 

@@ -7,7 +7,6 @@ code runs unmodified and a seed repeats a run exactly. Only waiting and `compute
 from __future__ import annotations
 
 import random
-import signal
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -19,7 +18,7 @@ from palpate.studies.faults.launcher.process import Process
 MS, SECOND = 1_000_000, 1_000_000_000  # [ns]
 EVENTS = 50
 SPIN = 100  # calls of a process without progress of time, which then take 5 ms
-KILLED = -int(signal.SIGKILL)
+KILLED = -9  # exit code of a process that SIGKILL has ended, which not every system has
 
 
 class KilledError(BaseException):
