@@ -101,14 +101,19 @@ def on_plate(finger: float, size: float) -> np.ndarray:
     return run(Solver(mesh, {0: neo_hooke(finger, POISSON)}, fixed, contacts=[touch], settings=STEPS), touch)
 
 
+def with_pad(block: TetMesh, tip: TetMesh) -> TetMesh:
+    """The block, region 0, and the pad, region 1, whose nodes follow."""
+    return TetMesh(
+        np.concatenate([block.points, tip.points]), np.concatenate([block.elements, tip.elements + len(block.points)]),
+        np.repeat([0, 1], [len(block.elements), len(tip.elements)]),
+    )  # fmt: skip
+
+
 def on_slab(finger: float, young: float, size: float) -> np.ndarray:
     """The pad pressed into the slab by its bone."""
     tip, block = pad(size), slab(size)
     count = len(block.points)
-    mesh = TetMesh(
-        np.concatenate([block.points, tip.points]), np.concatenate([block.elements, tip.elements + count]),
-        np.repeat([0, 1], [len(block.elements), len(tip.elements)]),
-    )  # fmt: skip
+    mesh = with_pad(block, tip)
     p, of_tip = mesh.points, np.arange(len(mesh.points)) >= count
     bone = of_tip & (p[:, 2] > THICK - 1e-9)
     fixed = np.stack([p[:, 0] < 1e-9, p[:, 1] < 1e-9, np.zeros(len(p), bool)], axis=1) | bone[:, None]

@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from growing_contact import POISSON, RADIUS, STEPS, THICK, WIDE, faces_at, pad, run
+from growing_contact import POISSON, RADIUS, STEPS, THICK, WIDE, faces_at, pad, run, with_pad
 
 from palpate.bases import build_missing
 from palpate.models.fe import Pair, Solver, quadratic
@@ -59,10 +59,7 @@ def full(half: float, finger: float, size: float) -> np.ndarray:
     """Force over indentation [N/m] of the block under the pad at `SHOWN` forces."""
     tip, block = pad(size), quarter(half, size)
     count = len(block.points)
-    mesh = TetMesh(
-        np.concatenate([block.points, tip.points]), np.concatenate([block.elements, tip.elements + count]),
-        np.repeat([0, 1], [len(block.elements), len(tip.elements)]),
-    )  # fmt: skip
+    mesh = with_pad(block, tip)
     p, of_tip = mesh.points, np.arange(len(mesh.points)) >= count
     bone, ground = of_tip & (p[:, 2] > THICK - 1e-9), ~of_tip & (p[:, 2] < 1e-9 - gaps.HIGH)
     fixed = np.stack([p[:, 0] < 1e-9, p[:, 1] < 1e-9, np.zeros(len(p), bool)], axis=1) | (bone | ground)[:, None]

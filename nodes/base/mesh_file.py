@@ -196,8 +196,7 @@ def _shared_in(triangles: np.ndarray) -> str:
 
 def _near(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Index (V,) of the vertex with which each is merged: the first of those at open edges nearer than `NEAR`."""
-    ends, count = Mesh(vertices, triangles).edges
-    border = np.unique(ends[count == 1])
+    border = Mesh(vertices, triangles).border
     same = np.arange(len(vertices))
     if len(border):
         size = float(np.ptp(vertices[np.unique(triangles)], axis=0).max())

@@ -10,3 +10,11 @@ def read(recording, **kinds):
         if (key := name.replace("-", "_")) in kinds:
             found[key].append(unpack(payload, kinds[key]))
     return [found[name] for name in kinds]
+
+
+def payloads(recording):
+    """The encoded messages of each stream."""
+    by_stream: dict[str, list[bytes]] = {}
+    for name, _, payload in recording.payloads():
+        by_stream.setdefault(name, []).append(payload)
+    return by_stream

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pytest import approx
+from streams import payloads
 
 import palpate
 from palpate.engine.faults import GraphError
@@ -49,13 +50,6 @@ def run(slot, path, *overrides, place="fused"):
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
     return Recording(path)
-
-
-def payloads(recording):
-    by_stream: dict[str, list[bytes]] = {}
-    for name, _, payload in recording.payloads():
-        by_stream.setdefault(name, []).append(payload)
-    return by_stream
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from pytest import approx
+from streams import payloads
 
 import palpate
 from palpate.engine.faults import GraphError
@@ -29,13 +30,6 @@ def run(path, *overrides, place="fused", duration=0.45):
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
     return Recording(path)
-
-
-def payloads(recording):
-    by_stream: dict[str, list[bytes]] = {}
-    for name, _, payload in recording.payloads():
-        by_stream.setdefault(name, []).append(payload)
-    return by_stream
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pytest import approx
+from streams import payloads
 
 from palpate.engine.faults import GraphError
 from palpate.launch.load.graph import load
@@ -26,13 +27,6 @@ def run(path, *overrides, place="fused", duration=0.8, clock=None):
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
     return Recording(path)
-
-
-def payloads(recording):
-    by_stream: dict[str, list[bytes]] = {}
-    for name, _, payload in recording.payloads():
-        by_stream.setdefault(name, []).append(payload)
-    return by_stream
 
 
 @pytest.fixture(scope="module")

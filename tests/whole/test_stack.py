@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from scipy.optimize import nnls
+from streams import payloads
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
@@ -29,13 +30,6 @@ def stacked(tmp_path_factory):
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
     return launch, Recording(path)
-
-
-def payloads(recording):
-    by_stream: dict[str, list[bytes]] = {}
-    for name, _, payload in recording.payloads():
-        by_stream.setdefault(name, []).append(payload)
-    return by_stream
 
 
 def openings(between, which, load):

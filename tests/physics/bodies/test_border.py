@@ -8,7 +8,7 @@ from palpate.messages import Load
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.patch import lies_on
-from palpate.physics.bodies.sampled.border import border_of, shares_past_border
+from palpate.physics.bodies.sampled.border import shares_past_border
 from palpate.physics.geometry.mesh import Mesh
 
 RADIUS, AROUND = 2.0, 72
@@ -34,7 +34,7 @@ def test_the_share_falls_from_the_border_to_zero_at_its_radius():
     """(1 - x)² (1 + 2 x) is 27/32, 1/2 and 5/32 at the distances R/4, R/2 and 3 R/4."""
     coarse, x = tube(), np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5])
     past = np.stack([np.full(6, RADIUS), np.zeros(6), 1.0 + RADIUS * x], axis=1)
-    assert border_of(coarse.triangles).tolist() == list(range(AROUND, 2 * AROUND))
+    assert coarse.border.tolist() == list(range(AROUND, 2 * AROUND))
     assert shares(coarse, past) == approx([1.0, 27 / 32, 0.5, 5 / 32, 0.0, 0.0], abs=1e-9)
     axis = np.array([[0.0, 0.0, z] for z in (1.5, 2.0, 4.0)])
     assert shares(coarse, axis) == approx([0.0, 0.0, 0.0], abs=1e-9)
@@ -45,7 +45,7 @@ def test_other_points_move_as_their_nearest_one():
     outside = np.array([[2.3, 0.0, 0.4], [0.0, -1.7, 0.5], [0.1, 0.1, -1.2]])
     assert (shares(coarse, outside) == 1.0).all()
     sphere = surface_mesh("sphere", 200)
-    assert not len(border_of(sphere.triangles)) and (shares(sphere, 1.1 * sphere.vertices) == 1.0).all()
+    assert not len(sphere.border) and (shares(sphere, 1.1 * sphere.vertices) == 1.0).all()
 
 
 def pressed(along):

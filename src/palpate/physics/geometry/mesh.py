@@ -39,6 +39,12 @@ class Mesh:
         ends, of, _ = edges_of(self.triangles, len(self.vertices))
         return ends.astype(self.triangles.dtype), np.bincount(of.ravel(), minlength=len(ends))
 
+    @property
+    def border(self) -> np.ndarray:
+        """The vertices (B,) of edges of one triangle only, in ascending order; none: the surface is closed."""
+        ends, count = self.edges
+        return np.unique(ends[count == 1])
+
     @cached_property
     def areas(self) -> np.ndarray:
         """Nodal area [m²] (V,): a third of the triangles round each vertex; they sum to the area of the surface."""

@@ -19,7 +19,7 @@ def shares_past_border(coarse: Mesh, points: np.ndarray, corners: np.ndarray, we
 
     corners, weights  (N,3) of the nearest points, see `patch.barycentric`
     """
-    border = border_of(coarse.triangles)
+    border = coarse.border
     shares = np.ones(len(points))
     if not len(border):
         return shares
@@ -31,10 +31,3 @@ def shares_past_border(coarse: Mesh, points: np.ndarray, corners: np.ndarray, we
     at_border = ((weights < 1e-9) | np.isin(corners, border)).all(axis=1)
     shares[at_border] = ((1.0 - x) ** 2 * (1.0 + 2.0 * x))[at_border]
     return shares
-
-
-def border_of(triangles: np.ndarray) -> np.ndarray:
-    """The vertices of edges that belong to one triangle only; none: the surface is closed."""
-    edges = np.sort(np.concatenate([triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))]), axis=1)
-    found, count = np.unique(edges, axis=0, return_counts=True)
-    return np.unique(found[count == 1])
