@@ -338,7 +338,7 @@ class Launcher:
         if self.phase == "linking" and self._all("linked") and not self._ending.over:
             self._go()
         elif self.phase == "running":  # it was restarted
-            self._control.send_order(member.job.group, reports.Go(self.origin))
+            self._control.send_order(member.job.group, reports.Go(self.origin, clock.now()))
             member.state = "running"
             self._send_gone({node.name for node in member.job.nodes}, back=True)
 
@@ -348,7 +348,7 @@ class Launcher:
         self.result.start = self._started - self.begun
         self.result.origin = self._started
         self.origin = clock.now() + (HEAD_START if self._real else 0)
-        self._control.send_order("*", reports.Go(self.origin))
+        self._control.send_order("*", reports.Go(self.origin, clock.now()))
         for member in self.members.values():
             member.state = "running"
             member.reset_silence()
@@ -462,7 +462,7 @@ class Launcher:
             self._beat = moment
             for group, member in self.members.items():
                 if member.state != "starting" or member.taken:
-                    self._control.send_order(group, reports.Beat(self._control.received[group]))
+                    self._control.send_order(group, reports.Beat(self._control.received[group], clock.now()))
         self._ending.check(begun=self.phase not in ("starting", "linking"))
         if not self._ending.near:
             self._check_hung()
@@ -484,6 +484,10 @@ class Launcher:
             if member.state == "done" and (text := member.hang(self.patience)):
                 if member.clean_exit:
                     self._lose_messages(member, f"{text} before its last messages were delivered")
+                member.reset_silence()
+                self.forkserver.ask(reports.Kill(group, reports.KILL))
+                continue
+            if member.state == "restarting" and member.hang(self.patience):  # its successor waits for its end
                 member.reset_silence()
                 self.forkserver.ask(reports.Kill(group, reports.KILL))
                 continue

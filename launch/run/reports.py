@@ -44,9 +44,10 @@ class Connect(msgspec.Struct, frozen=True, tag=True):
 
 
 class Go(msgspec.Struct, frozen=True, tag=True):
-    """Start. `origin` [ns]: time of tick 0 on the machine's monotonic clock."""
+    """Start. `origin` [ns]: time of tick 0 on the launcher's monotonic clock, which shows `sent` [ns]."""
 
     origin: int
+    sent: int
 
 
 class Gone(msgspec.Struct, frozen=True, tag=True):
@@ -78,9 +79,11 @@ class Quit(msgspec.Struct, frozen=True, tag=True):
 
 
 class Beat(msgspec.Struct, frozen=True, tag=True):
-    """Heartbeat for workers on other machines. `received`: number of the last report that has arrived."""
+    """Heartbeat for workers on other machines. `received`: number of the last report that has arrived; `sent` [ns]:
+    time of the launcher's monotonic clock."""
 
     received: int = 0
+    sent: int = 0
 
 
 class Hello(msgspec.Struct, frozen=True, tag=True):

@@ -14,6 +14,7 @@ from palpate.launch.run import ending, launcher, reports
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.wire import bus, wires
 from palpate.launch.run.work import loops, simulated
+from palpate.launch.run.work.far_clock import FarClock
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.studies.faults.launcher import search as searching
 from palpate.studies.faults.launcher.judge import judge
@@ -113,13 +114,11 @@ def with_the_end_before_the_last_messages(monkeypatch):
 
 def with_an_end_of_nodes_alone(monkeypatch):
     """On simulated time, observers end with the nodes of their worker."""
+    run = simulated.run_simulated
 
-    def run(worker, origin):
-        simulated.run_simulated(worker, origin)
-
-    def ended(worker, origin):
+    def ended(worker):
         try:
-            run(worker, origin)
+            run(worker)
         except EndedError:
             worker.audience.slots.clear()
             raise
@@ -239,6 +238,17 @@ def without_an_end_of_stopped_workers(monkeypatch):
     monkeypatch.setattr(ending.Ending, "kill", old)
 
 
+def with_one_clock(monkeypatch):
+    """A worker on another machine takes the launcher's time for its."""
+    monkeypatch.setattr(FarClock, "begin", lambda self, moment: moment)
+
+
+def without_an_end_of_what_restarts(monkeypatch):
+    """A worker that has reported its failure and is stopped before it exits has no successor."""
+    hang = WorkerHandle.hang
+    monkeypatch.setattr(WorkerHandle, "hang", lambda m, t: "" if m.state == "restarting" else hang(m, t))
+
+
 FAR, LOG = frozenset(["spring"]), frozenset(["log"])
 SECOND = (("source", "log"), ("spring",), ("sum",), ("second",))
 LOGGED = (("source", "spring", "sum"), ("second", "log"))
@@ -275,6 +285,11 @@ PLANTED = [
     (without_an_end_of_stopped_workers, "ends",
      [scene(Fault("raise", "source", Moment(call="step", count=19), node="source"),
             after("stop", "source", "NodesEnded", 6e-4), seed=seed) for seed in range(3)]),
+    (with_one_clock, "steps", [scene(joined=FAR, ticks=100, seed=seed) for seed in range(8)]),
+    (with_one_clock, "ticks", [scene(joined=frozenset(["source"]), ticks=100, seed=seed) for seed in range(8)]),
+    (without_an_end_of_what_restarts, "ends",
+     [scene(Fault("raise", "spring", Moment(call="step", count=9), node="spring"),
+            after("stop", "spring", "NodesEnded", 1e-5), ticks=200, restart=FAR, seed=seed) for seed in range(3)]),
     (with_a_wait_for_readers_that_have_ended, "returns",
      [scene(at("kill", "log", 0.5), at("kill", "spring", 1.8), restart=FAR, ticks=400)]),
 ]  # fmt: skip

@@ -29,7 +29,7 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
         if worker.slots:
             real = worker.job.clock == "real"
             try:
-                (run_real if real else run_simulated)(worker, origin)
+                (run_real if real else run_simulated)(worker)
             except EndedError:  # after the last tick the observers continue, unless `Quit` was ordered
                 if not (worker.stopping if real else worker.last is not None and worker.tick > worker.last):
                     raise

@@ -27,6 +27,7 @@ from palpate.launch.run.wire.bus import LONGEST_ORDER, Bus, split
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.activity import ENDED, Activity, activity
 from palpate.launch.run.work.compiling import compiler_watched
+from palpate.launch.run.work.far_clock import FarClock
 from palpate.launch.run.work.fused import death
 from palpate.launch.run.work.loops import run
 from palpate.launch.run.work.offered import refusal
@@ -74,7 +75,7 @@ def work(job: Job, bus: Bus, alone: bool, claim: Callable[..., list[str]] = real
         endpoints = bus.bind(job.host)
         bus.report(reports.Ready(endpoints, refused, bool(job.host and bus.key)))
         with contextlib.suppress(EndedError):
-            begun = _link(bus, alone)
+            begun = _link(bus, worker.launcher_clock)
             run(worker, *begun)
         worker.stop()
         clean_exit = begun is not None
@@ -127,11 +128,12 @@ def _answer_when_silent(bus: Bus) -> None:
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False, chain=True)
 
 
-def _link(bus: Bus, alone: bool) -> tuple[int, set[str]]:
+def _link(bus: Bus, far: FarClock | None) -> tuple[int, set[str]]:
     """Connect to the other workers and wait for the start, with heartbeats. Returns the time of tick 0 [ns] and the
     groups that the observers here read. EndedError: the run ended before. RunError, for a worker that was started by
-    hand (`alone`): the launcher sends nothing, or names a local socket."""
+    hand (with `far`): the launcher sends nothing, or names a local socket."""
     senders: set[str] = set()
+    alone = far is not None
     launcher, reported = Silence(), clock.now()
 
     def poll(wait: int = 0) -> reports.Order | None:
@@ -141,6 +143,8 @@ def _link(bus: Bus, alone: bool) -> tuple[int, set[str]]:
             raise EndedError
         if order is not None:
             launcher.reset()
+            if far is not None and isinstance(order, reports.Beat | reports.Go):
+                far.hear(order.sent)
         elif alone and launcher.poll() > ORPHANED:
             raise RunError("the launcher sent nothing for 5 s; it has ended, or the network was interrupted")
         if clock.now() - reported > REPORT:
@@ -159,7 +163,7 @@ def _link(bus: Bus, alone: bool) -> tuple[int, set[str]]:
                 bus.wait_linked(observed, poll, awaited)
                 bus.report(reports.Linked())
             case reports.Go(origin):
-                return origin, senders
+                return origin if far is None else far.begin(origin), senders
 
 
 MISMATCH = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL

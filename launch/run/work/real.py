@@ -45,15 +45,15 @@ from palpate.launch.run.work.worker import EndedError, Worker, permitted_age
 from palpate.messages import Message
 
 
-def run_real(worker: Worker, origin: int) -> None:
-    """Run until the worker's last tick or until it is stopped. `origin` [ns]: time of tick 0."""
+def run_real(worker: Worker) -> None:
+    """Run until the worker's last tick or until it is stopped."""
     paced = next((slot for slot in worker.slots if slot.node.paced), None)
     lead = paced or worker.slots[0]
-    ticks = _RealClock(worker, lead, origin)
+    ticks = _RealClock(worker, lead)
     while worker.last is None or worker.tick < worker.last:
         if worker.hop is not None and ticks.hop(worker.hop):
             continue
-        started = _pace(worker, lead, origin, 1e9 / ticks.rate) if paced else _follow(worker, lead)
+        started = _pace(worker, lead, 1e9 / ticks.rate) if paced else _follow(worker, lead)
         if started is not None:
             ticks.run(*started)
 
@@ -61,8 +61,8 @@ def run_real(worker: Worker, origin: int) -> None:
 class _RealClock:
     """Runs the nodes of a worker in real time. `lead`: the node whose input or clock starts a tick."""
 
-    def __init__(self, worker: Worker, lead: Slot, origin: int) -> None:
-        self.worker, self.lead, self.origin, self.rate = worker, lead, origin, worker.job.rate
+    def __init__(self, worker: Worker, lead: Slot) -> None:
+        self.worker, self.lead, self.rate = worker, lead, worker.job.rate
         self.period = round(1e9 / self.rate)
         self.at = self.deadline = 0
 
@@ -81,7 +81,7 @@ class _RealClock:
     def hop(self, hop: Hop) -> bool:
         """Run some ticks in compiled code, then orders and housekeeping. False: none is ready to run there."""
         worker = self.worker
-        ticks = hop.run_real(self, self.origin, self.lead)
+        ticks = hop.run_real(self, self.worker.origin, self.lead)
         if ticks:
             worker.listen()
             worker.check_orders()
@@ -103,7 +103,7 @@ class _RealClock:
         """Send the outputs, and record their latency."""
         slot.due = next_run(tick, slot.every)
         self.worker.send(slot)
-        age = max(0, clock.now() - self.origin - self.at)
+        age = max(0, clock.now() - self.worker.origin - self.at)
         slot.health.age.add(age)
         slot.health.overdue += age > self.period
 
@@ -123,18 +123,18 @@ class Waiting(Protocol):
         ...
 
 
-def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, int] | None:
+def _pace(worker: Worker, lead: Slot, period: float) -> tuple[int, int] | None:
     """Wait for the next tick of the clock; returns tick and time. Ticks whose whole period has passed are left out,
     except the last one of the run."""
     tick = worker.tick + 1
-    late = clock.sleep_until(origin + begin_of(tick, period))
+    late = clock.sleep_until(worker.origin + begin_of(tick, period))
     skipped = left_out(late, period, tick, FAR if worker.last is None else worker.last)
     if worker.tick >= 0:  # a restarted worker begins at the current tick
         lead.health.late += skipped
     if worker.stopping:
         raise EndedError
     worker.drain()
-    return tick + skipped, clock.now() - origin
+    return tick + skipped, clock.now() - worker.origin
 
 
 def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:

@@ -17,14 +17,14 @@ MOST = 1 << 16  # ticks in a block
 BLOCK = 20_000_000  # [ns] time limit of a block of ticks, since Ctrl-C takes effect after it
 
 
-def run_simulated(worker: Worker, origin: int) -> None:
-    """Run the ticks from 0 to the worker's last. `origin` [ns]: time of tick 0, for a paced run."""
+def run_simulated(worker: Worker) -> None:
+    """Run the ticks from 0 to the worker's last."""
     rate, pace, ticks = worker.job.rate, worker.job.pace, SimulatedClock(worker)
     lead = next((slot for slot in worker.slots if slot.node.paced), None)
     tick, begun = 0, clock.now()
     while worker.last is None or tick <= worker.last:
         if pace is not None and lead is not None:
-            clock.sleep_until(origin + round(nanoseconds(tick, rate) / pace))
+            clock.sleep_until(worker.origin + round(nanoseconds(tick, rate) / pace))
         before, tick = tick, ticks.run(tick, 1 if pace is not None and lead is not None else MOST)
         count = tick - before
         if lead is not None:

@@ -23,6 +23,7 @@ from palpate.launch.run.wire.audience import Audience
 from palpate.launch.run.wire.bus import HEALTH, Bus, frame
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
 from palpate.launch.run.work.compiling import compiling
+from palpate.launch.run.work.far_clock import FarClock
 from palpate.messages import Health, MessageError, pack, unpack
 from palpate.nodes.base import Block, CompiledNode, Node
 
@@ -101,6 +102,9 @@ class Worker:
         self._reported = self._polled = 0
         self._sign: Iterator[None] = iter(())  # the rest of a report
         self._launcher = Silence()
+        self.launcher_clock = FarClock() if alone else None
+        self.origin = 0
+        """[ns] Time of tick 0 on the clock of this machine."""
         fast = self._real and job.rate > FAST
         self._ticks_per_burst = max(1, round(BURST * FAST / job.rate)) if fast else BURST
         self._burst = job.phase % self._ticks_per_burst
@@ -201,6 +205,7 @@ class Worker:
 
     def begin(self, origin: int) -> None:
         """Prepare tick 0: senders, subscriptions, and the first health reports. `origin` [ns]: time of tick 0."""
+        self.origin = origin
         if self.bus is not None:
             for feed in self.feeds.values():
                 feed.inlet = self.bus.inlet(feed.stream)
@@ -408,8 +413,9 @@ class Worker:
                     self._handle_deaths(set(nodes), set(blocked), back)
                 case Quit() if self.slots:
                     raise EndedError
-                case Beat():
-                    pass
+                case Beat() if self.launcher_clock is not None:
+                    self.launcher_clock.hear(order.sent)
+                    self.origin = self.launcher_clock.corrected(self.origin)
         if self._alone and self._launcher.poll() > ORPHANED:
             raise NodeError("", "launcher", "nothing was heard of it for 5 s")
 

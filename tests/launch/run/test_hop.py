@@ -97,8 +97,7 @@ class Bench:
                 inlet.reach()
             for inlet in (*self.bus.sweep(), *self.inlets):
                 inlet.take()
-        self.origin = now()
-        self.worker.begin(self.origin)
+        self.worker.begin(now())
         self.worker.tick = -1
         assert isinstance(self.worker.hop, Hop)
         if not compiled:
@@ -362,7 +361,7 @@ def test_on_the_real_clock_each_whole_message_is_a_step_or_counted_as_lost(bench
 
     writer = threading.Thread(target=write)
     writer.start()
-    run_real(made.worker, made.origin)
+    run_real(made.worker)
     writer.join()
     made.read()
     (tick, steps, _, missed, _), *_ = made.counts()
@@ -397,7 +396,7 @@ def test_a_held_sender_that_closes_its_connection_does_not_end_compiled_executio
 
     writer = threading.Thread(target=write)
     writer.start()
-    run_real(made.worker, made.origin)
+    run_real(made.worker)
     writer.join()
     assert made.worker.tick == TICKS - 1
     assert sum(tick > 100 for tick in in_python) < 50  # it was each of 200

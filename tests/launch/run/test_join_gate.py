@@ -15,6 +15,7 @@ from palpate.launch.run import reports
 from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.bus import frame
 from palpate.launch.run.work import process
+from palpate.launch.run.work.far_clock import FarClock
 from palpate.launch.run.work.offered import refusal
 from palpate.physics.errors import RunError
 from palpate.records.format.mcap_file import MAGIC
@@ -148,4 +149,4 @@ def test_a_launcher_elsewhere_names_no_local_socket():
             return reports.Connect(sources, {})
 
     with pytest.raises(RunError, match="names ipc:///tmp/other, expected an address tcp://"):
-        process._link(Told(), alone=True)
+        process._link(Told(), FarClock())

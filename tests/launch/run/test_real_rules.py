@@ -39,6 +39,7 @@ def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: N
         now=lambda: real.clock.now(),
         stopping=False,
         tick=-1,
+        origin=0,
         last=None,
         hop=None,
         drain=lambda: None,
@@ -166,7 +167,7 @@ def test_messages_between_the_runs_of_a_divisor_are_not_lost(monkeypatch, every)
     here = worker()
     here.slots, here.parts, here.send = [made], [made], lambda slot: steps.append(here.tick)
     here.check_orders = here.housekeep = lambda: None
-    real.run_real(here, 0)
+    real.run_real(here)
     runs = {tick // every for tick in range(1, 101)}
     assert (
         made.health.lost
@@ -183,7 +184,7 @@ def test_a_run_that_lacks_an_input_counts_as_lost_once(monkeypatch):
     ticks = iter(range(26))
     monkeypatch.setattr(real, "_follow", lambda *_: (next(ticks), 0))
     monkeypatch.setattr(real, "take_inputs", lambda *_: None)
-    real.run_real(here, 0)
+    real.run_real(here)
     assert made.health.lost == 3
 
 
@@ -205,8 +206,8 @@ def test_ticks_whose_whole_period_has_passed_are_omitted_and_counted(monkeypatch
     monkeypatch.setattr(real.clock, "sleep_until", lambda deadline: deadlines.append(deadline) or round(late * MS))
     monkeypatch.setattr(real.clock, "now", lambda: origin + 77)
     made, here = slot("Source", ("torque", {"loop": True})), worker()
-    here.tick = before
-    assert real._pace(here, made, origin, MS) == (before + 1 + skipped, 77)
+    here.tick, here.origin = before, origin
+    assert real._pace(here, made, MS) == (before + 1 + skipped, 77)
     assert deadlines == [origin + (before + 1) * MS]
     assert made.health.late == (skipped if before >= 0 else 0)
 
@@ -215,7 +216,7 @@ def test_a_stall_at_the_end_causes_no_tick_beyond_the_last(monkeypatch):
     monkeypatch.setattr(real.clock, "sleep_until", lambda deadline: 10 * MS)
     made, here = slot("Source", ("torque", {"loop": True})), worker()
     here.tick, here.last = 597, 599
-    assert real._pace(here, made, 0, MS)[0] == 599 and made.health.late == 1
+    assert real._pace(here, made, MS)[0] == 599 and made.health.late == 1
 
 
 def test_a_stopped_run_ends_at_its_next_tick(monkeypatch):
@@ -223,7 +224,7 @@ def test_a_stopped_run_ends_at_its_next_tick(monkeypatch):
     here = worker()
     here.stopping = True
     with pytest.raises(EndedError):
-        real._pace(here, slot("Source", ("torque", {"loop": True})), 0, MS)
+        real._pace(here, slot("Source", ("torque", {"loop": True})), MS)
 
 
 def test_messages_of_a_dead_sender_are_not_used():
@@ -243,7 +244,9 @@ class Here(SimpleNamespace):
     """A worker with a paced node at each tick, a node at every second tick, and a blocked node."""
 
     def __init__(self, last: int) -> None:
-        super().__init__(job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, stopping=False, hop=None)
+        super().__init__(
+            job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, origin=0, stopping=False, hop=None
+        )
         self.clock = [0]
         self.slots = [slot("Source", ("torque", {"loop": True, "optional": True})) for _ in range(3)]
         self.parts = self.slots
@@ -278,7 +281,8 @@ def test_each_node_runs_at_its_ticks_up_to_the_last(monkeypatch):
     monkeypatch.setattr(real.clock, "sleep_until", sleep)
     monkeypatch.setattr(real.clock, "now", lambda: here.clock[0])
     monkeypatch.setattr(real, "take_inputs", gather)
-    real.run_real(here, origin)
+    here.origin = origin
+    real.run_real(here)
     assert here.sent == [(0, 0), (1, 0), (0, 1), (0, 2), (1, 2)]
     ticks = (0, 0, 1, 2, 2, 3)
     assert deadlines == [
@@ -335,7 +339,7 @@ def test_an_output_after_the_period_is_overdue(monkeypatch):
     monkeypatch.setattr(real, "take_inputs", lambda *given: [None])
     here.slots[0].node.step = lambda torque, **given: here.clock.__setitem__(0, MS - 30_000) or POSE
     here.slots[0].takes(here.slots[0].counts)
-    real.run_real(here, 0)
+    real.run_real(here)
     assert [made.health.overdue for made in here.slots] == [0, 1, 0]
 
 
@@ -352,7 +356,7 @@ def test_a_step_has_the_time_of_its_driving_message_and_first_a_nominal_dt(monke
     monkeypatch.setattr(real.clock, "now", lambda: 0)
     monkeypatch.setattr(made, "step", lambda *given: seen.append(given))
     here.send = lambda sent: None
-    real.run_real(here, 0)
+    real.run_real(here)
     ((tick, at, messages, nominal),) = seen
     assert (tick, at, nominal) == (100, 100 * MS, 2e-3) and [m.tick for m in messages] == [100, 100]
 

@@ -3,6 +3,7 @@
 import os
 import random
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -121,36 +122,56 @@ def free_port() -> int:
 
 
 def with_a_group_joined_by_hand(
-    tmp_path, monkeypatch, duration, watch=lambda running, far: None, graph=GRAPH, patience=5.0, stops=False
-):
+    tmp_path, monkeypatch, duration, watch=lambda running, far: None, graph=GRAPH, patience=5.0, stops=False,
+    clock="simulated", far="spring, drag, spread", within=(),
+):  # fmt: skip
     """The outcome of the run, and the exit code of the group's process, which has no folder in common with the run, as
-    on another machine; `watch` also gets this process."""
+    on another machine; `watch` also gets this process. `far`: nodes of the group; `within`: command that starts it."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     keys.make()
     place = tmp_path / "joined.yaml"
-    place.write_text("a: {nodes: [source, sum]}\nfar: {nodes: [spring, drag, spread], join: true}\n")
+    here = ", ".join(name for name in NODES if name not in far)
+    place.write_text(f"a: {{nodes: [{here}]}}\nfar: {{nodes: [{far}], join: true}}\n")
     address = f"tcp://127.0.0.1:{free_port()}"
-    command = [sys.executable, "-m", "palpate.cli", "remote", "join", address, "far"]
+    command = [*within, sys.executable, "-m", "palpate.cli", "remote", "join", address, "far"]
     command += ["--trust", "nodes_for_runs"]
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
     (tmp_path / "there").mkdir(mode=0o700)
     there = {"PYTHONPATH": path, "XDG_RUNTIME_DIR": str(tmp_path / "there")}
-    with subprocess.Popen(command, env=os.environ | there, start_new_session=True) as far:
+    with subprocess.Popen(command, env=os.environ | there, start_new_session=True) as process:
         launch = LaunchFile(
-            graph=write_graph(tmp_path, graph), place=place, duration=duration, record=tmp_path / "run.mcap"
-        )
+            graph=write_graph(tmp_path, graph), place=place, duration=duration, record=tmp_path / "run.mcap",
+            clock=clock,
+        )  # fmt: skip
         outcome = execute(
-            launch, network=Network(address), watch=lambda running: watch(running, far), patience=patience
+            launch, network=Network(address), watch=lambda running: watch(running, process), patience=patience
         )
         if stops:
-            far.kill()
-        return outcome, far.wait(60)
+            process.kill()
+        return outcome, process.wait(60)
 
 
 def test_a_group_started_by_hand_sends_the_same_bytes(tmp_path, reference, monkeypatch):
     outcome, code = with_a_group_joined_by_hand(tmp_path, monkeypatch, TICKS / 1000)
     assert outcome.result.ok and code == 0, outcome.result.deaths
     assert streams(tmp_path / "run.mcap") == reference
+
+
+AHEAD = ("unshare", "--time", "--monotonic", "864000", "--fork")
+"""Starts a process whose monotonic clock began 10 days earlier, as on another machine."""
+
+
+@pytest.mark.skipif(
+    shutil.which(AHEAD[0]) is None or subprocess.run([*AHEAD, "true"], capture_output=True).returncode != 0,
+    reason="a clock as of another machine needs Linux and root",
+)
+@pytest.mark.parametrize("far", ["spring, drag, spread", "source, sum"])
+def test_on_the_real_clock_a_machine_with_another_time_keeps_pace(tmp_path, monkeypatch, far):
+    """Its nodes ignored all messages as those of long ago, and a device there left out all ticks."""
+    outcome, code = with_a_group_joined_by_hand(tmp_path, monkeypatch, 1.5, clock="real", far=far, within=AHEAD)
+    assert outcome.result.ok and code == 0, outcome.result.deaths
+    health = outcome.result.health
+    assert all(health[name]["steps"] > 500 for name in NODES), health
 
 
 def test_a_group_on_another_machine_binds_the_address_of_this_machine():

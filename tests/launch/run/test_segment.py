@@ -169,7 +169,7 @@ def test_on_the_real_clock_no_node_steps_on_a_driving_message_of_an_earlier_tick
     worker = made(clock="real")
     worker.start()
     worker.begin(now())
-    clock = _RealClock(worker, worker.slots[0], now())
+    clock = _RealClock(worker, worker.slots[0])
     for tick in range(90):
         clock.run(tick, tick * 1_000_000)
     slots = {slot.name: slot for slot in worker.slots}
@@ -210,7 +210,7 @@ def test_on_the_real_clock_messages_for_observers_are_collected_over_several_tic
         for part in worker.parts:
             if isinstance(part, CompiledSegment):
                 part.listen()
-        clock = _RealClock(worker, worker.slots[0], now())
+        clock = _RealClock(worker, worker.slots[0])
         for tick in range(100):
             clock.run(tick, tick * 1_000_000)
         worker._flush()

@@ -43,7 +43,7 @@ def touch(monkeypatch, clock: str, ready: bool) -> tuple[list[dict[str, bytes]],
     monkeypatch.setattr(worker, "housekeep", housekeep)
     try:
         if clock == "real":
-            real.run_real(worker, 0)
+            real.run_real(worker)
         else:
             simulated = SimulatedClock(worker)
             for tick in range(TICKS):

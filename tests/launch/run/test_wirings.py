@@ -65,7 +65,7 @@ class Run:
         try:
             if clock == "real":
                 monkeypatch.setattr(worker, "tick", -1)
-                real = _RealClock(worker, worker.slots[0], 0)
+                real = _RealClock(worker, worker.slots[0])
                 for tick in ticks:
                     self.block(tick in silent)
                     real.run(tick, tick * 1_000_000)

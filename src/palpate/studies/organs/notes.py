@@ -79,7 +79,7 @@ def collect_notes(touch: Touch, folder: Path) -> list[str]:
         for slot in worker.slots:
             texts += slot.node.notes()
         started = {text for text in texts if WIDER not in text}
-        run_simulated(worker, 0)
+        run_simulated(worker)
         for slot in worker.slots:
             texts += slot.node.notes()
     finally:

@@ -10,6 +10,7 @@ stop      after Ctrl-C the run ends within `STOP` if no process is stopped or ha
           within `NOW`
 gone      on the real clock `Gone` reaches the others `NEWS` after a death by a signal or a reported failure
 returns   a node with `restart` runs again within `BACK`, and steps
+steps     on the real clock, without faults other than Ctrl-C, each node makes at least half of the steps
 ticks     a run without deaths makes all its ticks; on the simulated clock all nodes end at the same one, also after
           Ctrl-C, and the logger has all messages
 """
@@ -23,7 +24,7 @@ from palpate.launch.run.launcher import GRACE
 from palpate.launch.run.member import ALIVE
 from palpate.studies.faults.launcher.outcome import Outcome, Struck
 from palpate.studies.faults.launcher.run import AFTER
-from palpate.studies.faults.launcher.scene import Fault, Scene
+from palpate.studies.faults.launcher.scene import OUTAGES, Fault, Scene
 from palpate.studies.faults.launcher.world import MS, SECOND
 
 NEWS = 20 * MS  # [ns]
@@ -33,6 +34,7 @@ TOGETHER = SECOND // 5  # [ns] between two signals that count as one: a terminal
 STUCK = int((2 * STOP_PATIENCE + 5) * SECOND)  # [ns]
 BACK = SECOND  # [ns]
 LATE = 40 * MS  # [ns] of the slowest frames
+BEGINNING = 20  # ticks in which the first messages may be late
 DEADLY = ("kill", "exit", "raise", "hang", "stop", "power", "leave")
 ABOUT = {
     "ends": "the launcher returns",
@@ -43,6 +45,7 @@ ABOUT = {
     "stop": "the run ends in time after Ctrl-C, and at once after a second one",
     "gone": "the other workers learn of a death within 20 ms on the real clock",
     "returns": "a node with `restart` steps again within a second",
+    "steps": "without faults on the real clock each node makes at least half of the steps",
     "ticks": "a run without deaths makes all ticks, and its logger has all messages of simulated time",
 }
 
@@ -59,7 +62,7 @@ def judge(outcome: Outcome) -> dict[str, str]:
     found: dict[str, str] = {}
     for name, check in (
         ("named", _named), ("innocent", _innocent), ("left", _left), ("stop", _stop), ("gone", _gone),
-        ("returns", _returns), ("ticks", _ticks),
+        ("returns", _returns), ("steps", _steps), ("ticks", _ticks),
     ):  # fmt: skip
         for text in check(outcome):
             found.setdefault(name, text)
@@ -70,7 +73,7 @@ def _suspects(scene: Scene, fault: Fault) -> set[str]:
     """The nodes that may be named for a fault: for an outage also those on the other side of its connections."""
     if fault.kind == "server":
         return {"all"}
-    if fault.kind == "break":
+    if fault.kind in OUTAGES:
         return set(scene.nodes)
     if fault.group and fault.kind != "pause":
         return set(scene.nodes_of(fault.group))
@@ -104,7 +107,7 @@ def _overtaken(outcome: Outcome, struck: Struck) -> bool:
     patience = outcome.scene.patience if struck.fault.kind in ("hang", "stop") else 0.5
     slack = int((2.0 * patience + GRACE + 5.0) * SECOND)
     others = [
-        o for o in outcome.struck if o is not struck and (o.fault.kind in (*DEADLY, "interrupt", "server", "break"))
+        o for o in outcome.struck if o is not struck and (o.fault.kind in (*DEADLY, "interrupt", "server", *OUTAGES))
     ]
     if any(abs(other.at - struck.at) < slack for other in others):
         return True
@@ -130,14 +133,14 @@ def _stop(outcome: Outcome) -> Iterator[str]:
     scene = outcome.scene
     times = [struck.at for struck in outcome.struck if struck.fault.kind == "interrupt"]
     times = times[:1] + [at for at in times[1:] if at - times[0] > TOGETHER]
-    stalls = sum(int(s.fault.duration * SECOND) for s in outcome.struck if s.fault.kind in ("stall", "pause", "break"))
+    stalls = sum(int(s.fault.duration * SECOND) for s in outcome.struck if s.fault.kind in ("stall", "pause", *OUTAGES))
     if len(times) > 1 and outcome.returned - times[1] > NOW + stalls:
         yield f"it ends {(outcome.returned - times[1]) * 1e-9:.3f} s after the second Ctrl-C"
     if scene.clock == "simulated" and "second" in scene.nodes:  # all end at the tick of the farthest
         assert outcome.result is not None
         stalls += int(outcome.result.ticks * 5.0 * max(step for _, step in scene.steps) * SECOND)
     if times:
-        stuck = any(s.fault.kind in (*DEADLY, "break") and s.fault.kind != "raise" for s in outcome.struck)
+        stuck = any(s.fault.kind in (*DEADLY, *OUTAGES) and s.fault.kind != "raise" for s in outcome.struck)
         if outcome.returned - times[0] > (STUCK if stuck else STOP) + stalls:
             yield f"it ends {(outcome.returned - times[0]) * 1e-9:.3f} s after Ctrl-C"
 
@@ -181,12 +184,26 @@ def _returns(outcome: Outcome) -> Iterator[str]:
                 yield f"{group} does not step again within {BACK / SECOND:g} s"
 
 
+def _steps(outcome: Outcome) -> Iterator[str]:
+    result = outcome.result
+    assert result is not None
+    if outcome.scene.clock != "real" or outcome.scene.slow > 0.01:
+        return
+    if any(struck.fault.kind != "interrupt" for struck in outcome.struck):
+        return
+    first = min(f.moment.at or 0.0 for f in outcome.scene.faults) if outcome.scene.faults else 9.0
+    least = (result.ticks - BEGINNING) // 2
+    for name, health in result.health.items():
+        if name != "log" and health["steps"] < least and first > 0.4:
+            yield f"{name} makes {health['steps']} steps in {result.ticks} ticks"
+
+
 def _ticks(outcome: Outcome) -> Iterator[str]:
     scene, result = outcome.scene, outcome.result
     assert result is not None
     if result.deaths:
         return
-    if any(s.fault.kind in (*DEADLY, "server", "break") for s in outcome.struck):
+    if any(s.fault.kind in (*DEADLY, "server", *OUTAGES) for s in outcome.struck):
         return
     interrupts = sum(s.fault.kind == "interrupt" for s in outcome.struck)
     if not interrupts and scene.ticks is not None and result.ticks != scene.ticks:

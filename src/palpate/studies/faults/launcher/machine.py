@@ -25,6 +25,8 @@ from palpate.studies.faults.launcher.wire import Wire
 from palpate.studies.faults.launcher.world import KILLED, MS, SECOND, World
 
 HELLO = 250 * MS  # [ns] between two requests for a job
+MONTH = 30 * 86_400 * SECOND  # [ns]
+DRIFT = 1e-4  # [1] of the rate of a clock, 50 ppm for each of two
 IMPORTS = 0.3  # [s] of the fork server, at most
 
 
@@ -154,6 +156,9 @@ class Far:
     def __init__(self, world: World, net: Net, sockets: Sockets, group: str, delay: int, patience: int) -> None:
         self.world, self._net, self._sockets, self.group, self._patience = world, net, sockets, group, patience
         self.worker = Process(world, f"{group} joined", self._join)
+        random_ = world.random_of(f"clock of {group}")
+        self.worker.ahead = random_.choice([0, -SECOND // 2, random_.randint(0, MONTH)])
+        self.worker.fast = random_.uniform(-DRIFT, DRIFT)
         self.helper: Process | None = None
         self.lines: list[Line] = []
         self.taken = False  # whether it has its job

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import threading
 from collections.abc import Callable
@@ -37,6 +38,8 @@ class Process:
     stopped  by a signal
     call     name of the node whose step runs, for a signal that asks for it
     begun    time at which it began to compute [ns]; None: it waits
+    ahead    what the clock of its machine is ahead of that of the simulation [ns]
+    fast     and by how much it is faster [1]
     """
 
     def __init__(self, world: Time, name: str, main: Callable[[], int]) -> None:
@@ -47,6 +50,7 @@ class Process:
         self.ended: int | None = None
         self.stopped = self.killed = self.interrupted = self.hangs = False
         self.call = ""
+        self.ahead, self.fast = 0, 0.0
         self.begun: int | None = None
         self.halted = 0  # time at which it was stopped [ns]
         self.used = 0
@@ -67,6 +71,17 @@ class Process:
     @property
     def alive(self) -> bool:
         return self.ended is None
+
+    def clock(self, time: int) -> int:
+        """What the clock of its machine shows at a time [ns]."""
+        return time + self.ahead + int(time * self.fast)
+
+    def time_at(self, moment: int) -> int:
+        """The first time [ns] at which the clock of its machine shows this."""
+        time = math.ceil((moment - self.ahead) / (1 + self.fast))
+        while self.clock(time) < moment:
+            time += 1
+        return time
 
     def stopped_before(self, moment: int) -> bool:
         """Whether it is stopped since before a time [ns]."""

@@ -1,7 +1,8 @@
 """Connections between simulated workers: what one reads from another.
 
 Takes the place of libzmq, Unix sockets and TCP. Messages to nodes are in the kernel when they are sent; frames for
-observers leave their process a little later. Connections between workers do not break.
+observers leave their process a little later. A connection to another machine may break: frames in transit are lost, the
+writer has one reader less, and the reader connects again later.
 """
 
 from __future__ import annotations
@@ -50,10 +51,10 @@ class Stream:
         self.linked = True  # unless it is connected to a group
 
     def wait(self) -> list[bytes]:
-        return self.wait_until(self._bus.world.time + POLL_INTERVAL * MS)
+        return self.wait_until(self._bus.process.clock(self._bus.world.time) + POLL_INTERVAL * MS)
 
     def wait_until(self, deadline: int) -> list[bytes]:
-        self._bus.world.wait(deadline, lambda: bool(self.queue))
+        self._bus.world.wait(self._bus.process.time_at(deadline), lambda: bool(self.queue))
         return self.take()
 
     def take(self) -> list[bytes]:
@@ -72,6 +73,7 @@ class Reading:
         self.writer: Wired | None = None
         self.waiting = 0  # messages in transit
         self._turn = 0  # number of the connection, of which these are
+        self._broken = -1  # number of the last one that has broken: its frames do not arrive
         self._random = reader.world.random_of(f"reading {group} {reader.process.name} {observed}")
         self._last = 0
 
@@ -114,6 +116,17 @@ class Reading:
             self._link(False)
             self.seek()
 
+    def break_(self, duration: int) -> None:
+        """Break the connection for a time [ns]; then it connects again."""
+        writer, self.writer = self.writer, None
+        if writer is None:
+            return
+        self.waiting, self._turn, self._broken = 0, self._turn + 1, self._turn
+        writer.readers.remove(self)
+        writer.changed = True
+        writer.world.poke(writer.process)
+        writer.world.after(duration, self.seek)
+
     def full(self, most: int) -> bool:
         """Whether the reader has no room."""
         if self.observed:
@@ -130,6 +143,8 @@ class Reading:
         turn = self._turn
 
         def arrive() -> None:
+            if turn <= self._broken:
+                return
             # frames for observers leave the process later, as reports do
             if self.observed and sender is not None and sender.stopped_before(left):
                 sender.held.append(arrive)

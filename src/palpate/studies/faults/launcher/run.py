@@ -240,6 +240,11 @@ class Run:
             case "break" if far is not None:
                 for line in far.lines:
                     line.break_(duration)
+            case "part" if far is not None:
+                self.world.note(f"the connections of {process.name} to other workers break")
+                for reading in tuple(self._net.readings):
+                    if fault.group in (reading.group, reading.reader.group):
+                        reading.break_(duration)
             case "power" | "helper" if far is not None:
                 for each in (far.helper, far.worker if fault.kind == "power" else None):
                     if each is not None:

@@ -25,8 +25,9 @@ GRAPH = {
 }
 HERE, FAR = "10.0.0.1", "10.0.0.2"
 REPORTS = ("Starting", "Ready", "Linked", "Alive", "Paused", "Observes", "NodesEnded")
+OUTAGES = ("break", "part")
 BENIGN = ("stall", "pause", "absent helper")
-KINDS = ("kill", "exit", "raise", "hang", "stop", "pause", "server", "interrupt", "stall", "break", "power", "helper",
+KINDS = ("kill", "exit", "raise", "hang", "stop", "pause", "server", "interrupt", "stall", *OUTAGES, "power", "helper",
          "leave")  # fmt: skip
 """kill       SIGKILL of a worker
 exit       a worker ends with an exit code and without a report
@@ -37,7 +38,8 @@ pause      the same for less than the patience
 server     SIGKILL of the fork server
 interrupt  Ctrl-C of the run
 stall      the launcher gets no processor
-break      the connection of a joined worker breaks and returns
+break      the connection of a joined worker to the launcher breaks and returns
+part       its connections to other workers do
 power      a joined machine is switched off
 helper     the second process of a joined worker is killed
 leave      Ctrl-C in the terminal of a joined worker"""
@@ -87,8 +89,8 @@ class Fault:
     status: int = 0
 
     def __str__(self) -> str:
-        what = {"exit": f" with code {self.status}", "pause": f" for {self.duration:.3f} s",
-                "stall": f" for {self.duration:.3f} s", "break": f" for {self.duration:.3f} s"}  # fmt: skip
+        lasts = f" for {self.duration:.3f} s"
+        what = {"exit": f" with code {self.status}"} | dict.fromkeys(("pause", "stall", *OUTAGES), lasts)
         return f"{self.kind} {self.node or self.group or 'run'}{what.get(self.kind, '')} {self.moment}"
 
 
@@ -205,7 +207,7 @@ def _draw_fault(scene: Scene, random_: random.Random, length: float) -> Fault:
                "stall": 3}  # fmt: skip
     if scene.joined and random_.random() < 0.6:
         group = scene.nodes_of(random_.choice(sorted(scene.joined)))
-        weights |= {"break": 6, "power": 3, "helper": 2, "leave": 3, "server": 0}
+        weights |= {"break": 6, "part": 4, "power": 3, "helper": 2, "leave": 3, "server": 0}
     kind = random_.choices(list(weights), list(weights.values()))[0]
     name, duration = scene.name(group), 0.0
     moment = _draw_moment(random_, length)
@@ -218,7 +220,7 @@ def _draw_fault(scene: Scene, random_: random.Random, length: float) -> Fault:
         name, moment = "", Moment(at=moment.at if moment.at is not None else random_.random() * (0.4 + length))
     if kind in ("pause", "stall"):
         duration = random_.random() ** 2 * (0.35 * scene.patience if kind == "pause" else 3.0)
-    if kind == "break":
+    if kind in OUTAGES:
         duration = random_.random() ** 2 * 2.0
     status = random_.choice([0, 1, 3, -11]) if kind == "exit" else 0
     return Fault(kind, name, moment, duration=duration, status=status)

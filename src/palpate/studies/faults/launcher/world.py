@@ -57,14 +57,15 @@ class World:
         self.log.append(f"{(self.time - SECOND) * 1e-9:.6f} s  {text}")
 
     def now(self) -> int:
-        return self.time
+        """What the clock of the running process shows [ns]."""
+        return self.time if self.current is None else self.current.clock(self.time)
 
     def sleep_until(self, deadline: int) -> int:
         """As `engine.clock.sleep_until`."""
-        self.check()
-        if deadline > self.time:
-            self.wait(deadline)
-        return self.time - deadline
+        process = self.check()
+        if deadline > self.now():
+            self.wait(process.time_at(deadline))
+        return self.now() - deadline
 
     # -- events ----------------------------------------------------------------------------------------------------
 
