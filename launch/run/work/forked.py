@@ -95,16 +95,23 @@ def fork(call: Callable[[], NoReturn], keep: Iterable[int], environment: Mapping
         with contextlib.suppress(OSError, ValueError):
             stream.flush()
     gc.freeze()  # otherwise garbage collection in the child would write to the shared pages and copy them
+    # until the child has its handlers: a signal would call those of this process in it
+    handled = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, handled)
     pid = os.fork()
     if pid == 0:
         try:
             _become(writing, {*keep}, environment)
+            for number in handled:
+                signal.signal(number, signal.SIG_DFL)
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             call()
         except BaseException:
             traceback.print_exc()
         finally:
             sys.stderr.flush()
             os._exit(1)
+    signal.pthread_sigmask(signal.SIG_SETMASK, mask)
     gc.unfreeze()
     os.close(writing)
     return Child(pid, open(reading, "rb"))
@@ -112,8 +119,6 @@ def fork(call: Callable[[], NoReturn], keep: Iterable[int], environment: Mapping
 
 def _become(output: int, keep: set[int], environment: Mapping[str, str]) -> None:
     os.setsid()
-    for handled in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD):
-        signal.signal(handled, signal.SIG_DFL)
     signal.set_wakeup_fd(-1)
     nothing = os.open(os.devnull, os.O_RDONLY)
     for number, stream in enumerate((nothing, output, output)):

@@ -96,3 +96,22 @@ def test_a_command_forks_its_server(tmp_path):
         env=os.environ | {"PYTHONPATH": path}, timeout=120,
     )  # fmt: skip
     assert out.stdout.splitlines()[-1] == "exit 0 forks 1", out.stdout + out.stderr
+
+
+ENDED = """
+import os, signal
+from palpate.launch.run.work import forked
+def end(*_):
+    raise KeyboardInterrupt
+signal.signal(signal.SIGTERM, end)
+become = forked._become
+forked._become = lambda *given: (os.kill(os.getpid(), signal.SIGTERM), become(*given))
+one = forked.fork(lambda: os._exit(0), (), os.environ)
+print(one.stdout.read(), one.wait(10.0))
+"""
+
+
+def test_a_child_that_is_ended_at_once_prints_nothing():
+    """It called the handler of its parent, and printed a traceback of it."""
+    done = subprocess.run([sys.executable, "-c", ENDED], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("b'' -15\n", "")
