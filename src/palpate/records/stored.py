@@ -5,6 +5,7 @@ import json
 from array import array
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,7 +31,8 @@ from palpate.records.format.mcap_file import (
     read_records,
 )
 
-_MOST_TICKS = 1 << 31
+_WRAP, _HALF = 1 << 32, 1 << 31
+"""A message in a file has the low 32 bits of its tick (50 days at 1 kHz); the rest follows from its time."""
 BLOCK = 10_000  # messages decoded at a time
 M = TypeVar("M", bound=Message)
 _BAD_DATA = (
@@ -267,11 +269,15 @@ class Stored:
         """Stream, tick, time [ns] and encoded bytes of each message of these streams (None: all), in recorded order, up
         to a truncation or damage."""
         channels = {key: name for key, name in self.channels.items() if names is None or name in names}
+        rate = self._rate()
+        late = 1e9 * _HALF / rate  # [ns] from when on a tick may have more than the 32 bits that the file has of it
         try:
             for chunk in read_records(self.file()):
                 if not isinstance(chunk, bytes):
                     continue
                 for channel, tick, time, payload in messages(chunk, channels):
+                    if time >= late:
+                        tick += round((time * rate / 1e9 - tick) / _WRAP) * _WRAP
                     yield channels[channel], tick, time, payload
         except Broken as damage:
             self.damage = damage
@@ -282,17 +288,26 @@ class Stored:
         for name, _, time, payload in self.raw(wanted):
             yield name, time, payload
 
+    def _rate(self) -> float:
+        """[Hz] of the graph; without a plan that says it, 1 kHz."""
+        with report_damage(self.path, "the rate of its graph"):
+            rate = float(self.about.get("plan", {}).get("rate", 1000.0))
+            if not 0 < rate < inf:
+                raise ValueError(f"{rate} Hz")
+        return rate
+
     def ticks(self) -> dict[str, np.ndarray]:
         """The sorted ticks of the messages of each stream.
 
         RecordingError: a duplicate tick.
         """
-        rows = {name: array("I") for name in self.streams}
-        for name, tick, _, _ in self.raw():
-            if tick >= _MOST_TICKS:
-                raise RecordingError(f"{self.path}: stream {name!r}: tick {tick}, expected less than 2^31")
+        rows, rate = {name: array("q") for name in self.streams}, self._rate()
+        for name, tick, time, _ in self.raw():
+            if tick >= (most := time * rate / 1e9 + _HALF):
+                raise RecordingError(f"{self.path}: stream {name!r}: tick {tick} at {time / 1e9:g} s, expected less "
+                                     f"than {most:.0f}")  # fmt: skip
             rows[name].append(tick)
-        ticks = {name: np.sort(np.array(row, dtype=np.uint32)) for name, row in rows.items()}
+        ticks = {name: np.sort(np.array(row, dtype=np.int64)) for name, row in rows.items()}
         for name, row in ticks.items():
             twice = row[1:][row[1:] == row[:-1]]
             if len(twice):

@@ -72,7 +72,8 @@ class McapWriter:
         self._failed: OSError | None = None
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
-        self._chunks: list[records.ChunkIndex] = []
+        self._chunks, self._chunk_count = bytearray(), 0  # packed indexes: as objects they take 3 kB for each chunk
+        self._begin, self._end = (1 << 64) - 1, 0  # [ns] of the first and the last message
         self._metadata: list[records.MetadataIndex] = []
         self._attachments: list[records.AttachmentIndex] = []
         self._counts: Counter[int] = Counter()
@@ -153,10 +154,9 @@ class McapWriter:
         self._write(record_bytes(records.DataEnd(self._checksum)))
         start, summary, offsets = self._at, b"", b""
         for kind, group in self._summary():
-            packed = b"".join(map(record_bytes, group))
-            if packed:
-                offsets += record_bytes(records.SummaryOffset(kind, start + len(summary), len(packed)))
-            summary += packed
+            if group:
+                offsets += record_bytes(records.SummaryOffset(kind, start + len(summary), len(group)))
+            summary += group
         footer = record_bytes(records.Footer(start, start + len(summary), 0))[:-4]
         checksum = zlib.crc32(footer, zlib.crc32(summary + offsets))
         self._write(summary, offsets, footer, checksum.to_bytes(4, "little"), MAGIC)
@@ -166,24 +166,25 @@ class McapWriter:
         """End the thread; discard buffered messages."""
         self._thread.shutdown(cancel_futures=True)
 
-    def _summary(self) -> Iterable[tuple[Opcode, Iterable[records.McapRecord]]]:
+    def _summary(self) -> Iterable[tuple[Opcode, bytes]]:
+        """Kinds of records, and their bytes."""
         statistics = records.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunk_count,
             message_count=self._counts.total(),
             metadata_count=len(self._metadata),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
+            message_start_time=self._begin if self._chunk_count else 0,
+            message_end_time=self._end,
             schema_count=len(self._schemas),
         )
-        yield Opcode.SCHEMA, self._schemas
-        yield Opcode.CHANNEL, self._channels
-        yield Opcode.STATISTICS, [statistics]
-        yield Opcode.CHUNK_INDEX, self._chunks
-        yield Opcode.METADATA_INDEX, self._metadata
-        yield Opcode.ATTACHMENT_INDEX, self._attachments
+        yield Opcode.SCHEMA, packed(self._schemas)
+        yield Opcode.CHANNEL, packed(self._channels)
+        yield Opcode.STATISTICS, packed([statistics])
+        yield Opcode.CHUNK_INDEX, bytes(self._chunks)
+        yield Opcode.METADATA_INDEX, packed(self._metadata)
+        yield Opcode.ATTACHMENT_INDEX, packed(self._attachments)
 
     def _write_chunk(self, declared: bytes, pieces: list[Callable[[], Piece] | Piece]) -> None:
         """Write a chunk and its index."""
@@ -207,7 +208,9 @@ class McapWriter:
             index += _INDEX.pack(Opcode.MESSAGE_INDEX, _INDEX.size - _RECORD + entries.nbytes, channel, entries.nbytes)
             index += entries.tobytes()
             self._counts[channel] += len(entries)
-        self._chunks.append(records.ChunkIndex(
+        self._chunk_count += 1
+        self._begin, self._end = min(self._begin, begin), max(self._end, end)
+        self._chunks += record_bytes(records.ChunkIndex(
             chunk_length=len(chunk) + len(packed), chunk_start_offset=self._at, compression=self._name,
             compressed_size=len(packed), message_end_time=end, message_index_length=len(index),
             message_index_offsets=offsets, message_start_time=begin, uncompressed_size=len(data),
@@ -244,6 +247,11 @@ def record_bytes(record: records.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()
+
+
+def packed(every: Iterable[records.McapRecord]) -> bytes:
+    """Records as bytes, one after the other."""
+    return b"".join(map(record_bytes, every))
 
 
 def _calm() -> None:
