@@ -1,11 +1,13 @@
 """Leaks, slowdown, failed starts and different results in long runs, many starts and parallel runs of the kidney.
 
-    python benchmarks/soak.py [--fused 60] [--real 20] [--rate 1000] [--starts 300] [--at-once 8] [--json]
+    python benchmarks/soak.py [--fused 60] [--real 20] [--rate 1000] [--day 24] [--starts 300] [--at-once 8] [--json]
 
 fused    minutes of simulated time: the touch is repeated in one process. Memory, descriptors, threads and the duration
          of a tick, means over the first and the last 10 % after the first fifth, in which caches fill
 real     minutes on the real clock with one process per node, at this rate [Hz]: the same figures, summed over all
          processes
+day      hours of simulated time in one run of 1 kHz, with a touch each five minutes and one of 1000 messages
+         recorded: the same figures, and the largest difference of a touch's forces from those of the first
 starts   number of starts and stops with one process per node
 at-once  number of parallel runs on the simulated clock; each must record the bytes of a fused run
 """
@@ -13,6 +15,7 @@ at-once  number of parallel runs on the simulated clock; each must record the by
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import subprocess
 import sys
@@ -23,6 +26,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import psutil
 from rich.console import Console
 from rich.progress import Progress
@@ -35,6 +39,11 @@ from palpate.records.reader import Recording
 TOUCH = 6.3
 """[s] Simulated time of one touch of the kidney."""
 SAMPLES = 200
+TOUCHES = [{"hold": 0.2}, {"to": [0, 0, 0.104], "time": 0.8}, {"to": [0.01, 0, 0.104], "time": 2},
+          {"to": [0, 0, 0.104], "time": 2}, {"to": [0, 0, 0.116], "time": 1}, {"hold": 294}]  # fmt: skip
+"""A touch of the kidney in five minutes, fewer than a launch file may have entries for in a day."""
+BYTES = 100e3
+"""[B] Some size of the recording of a touch, for the bar of progress."""
 
 
 def usage(pid: int) -> dict[str, float]:
@@ -97,6 +106,40 @@ def real(minutes: float, tick, rate: float) -> dict[str, object]:
     return growth(f"processes, real clock, {rate:.0f} Hz", minutes, samples)
 
 
+def day(hours: float, tick) -> dict[str, object]:
+    """One long run: each touch has the forces of the first."""
+    touches = max(2, round(12 * hours))
+    with tempfile.TemporaryDirectory() as name:
+        launch, file = Path(name) / "day.yaml", Path(name) / "day.mcap"
+        scene = {"extends": "kidney", "hand": {"path": TOUCHES * touches}}
+        launch.write_text(json.dumps({"graph": "kidney", "scene": scene, "duration": 300.0 * touches}))
+        thin = [word for stream in find("kidney").load().streams for word in ("--thin", f"{stream}=1000")]
+        run = subprocess.Popen([
+            sys.executable, "-m", "palpate.cli", "run", str(launch), "--fused", "--record", str(file), "--no-pictures",
+            "--quiet", *thin,
+        ], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)  # fmt: skip
+        begun, samples, sizes = time.monotonic(), [], []
+        while run.poll() is None:
+            if file.exists() and (size := file.stat().st_size) > (sizes[-1] if sizes else 0):
+                samples.append(usage(run.pid) | {"time": time.monotonic()})
+                sizes.append(size)
+                tick(min(1.0, (size / BYTES / touches)))
+            time.sleep(0.5)
+        assert run.returncode == 0, run.stdout and run.stdout.read()
+        ticks = np.diff(sizes) / sizes[-1] * 300e3 * touches
+        passed = np.diff([sample.pop("time") for sample in samples])
+        samples = [
+            sample | {"a tick [us]": 1e6 * t / n}
+            for sample, t, n in zip(samples[1:-1], passed, ticks[:-1], strict=False)
+        ]
+        force = Recording(file).columns("contact")["force"].reshape(touches, 300)
+    worst = np.abs(force - force[0]).max()
+    return growth("one run", (time.monotonic() - begun) / 60, samples) | {
+        "hours": touches / 12, "touches": touches, "largest force [N]": f"{force.max():.4f}",
+        "largest difference [N]": f"{worst:.1g}",
+    }  # fmt: skip
+
+
 def starts(count: int, tick) -> dict[str, object]:
     """Start and stop runs of 0.2 s."""
     failed = 0
@@ -143,6 +186,7 @@ def main() -> None:
     options.add_argument("--fused", type=float, default=60.0, help="minutes")
     options.add_argument("--real", type=float, default=20.0, help="minutes")
     options.add_argument("--rate", type=float, default=1000.0, help="[Hz] of the run on the real clock")
+    options.add_argument("--day", type=float, default=24.0, help="hours of simulated time in one run")
     options.add_argument("--starts", type=int, default=300)
     options.add_argument("--at-once", type=int, default=8)
     given = options.parse_args()
@@ -150,7 +194,7 @@ def main() -> None:
     with Progress(console=Console(stderr=True)) as progress:
         works = {
             "fused": (fused, given.fused), "real": (partial(real, rate=given.rate), given.real),
-            "starts": (starts, given.starts), "at once": (at_once, given.at_once),
+            "day": (day, given.day), "starts": (starts, given.starts), "at once": (at_once, given.at_once),
         }  # fmt: skip
         for name, (work, size) in works.items():
             if size:
