@@ -37,6 +37,7 @@ from palpate.launch.run.wire.wires import (
     wrong_endpoint,
 )
 from palpate.launch.run.work.activity import ENDED, Activity
+from palpate.launch.run.work.offered import sources
 from palpate.launch.run.work.spawner import Spawner, worker_server
 from palpate.launch.run.work.worker import REPORT
 
@@ -229,7 +230,8 @@ class Launcher:
             case reports.Hello():
                 if not member.taken:
                     member.taken, member.busy = True, ""
-                self._control.send_order(f"join-{member.job.group}", reports.Take(member.job, self.run_id))
+                take = reports.Take(member.job, self.run_id, sources())
+                self._control.send_order(f"join-{member.job.group}", take)
             case reports.Pulse(found):
                 self._take_pulse(member, found)
             case reports.Starting(node, kernels):

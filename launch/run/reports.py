@@ -16,10 +16,11 @@ from palpate.launch.run.work.activity import Activity
 
 
 class Take(msgspec.Struct, frozen=True, tag=True):
-    """To a worker that was started by hand: its job and the name of the run."""
+    """To a worker that was started by hand: its job, the name of the run, and `offered.sources` of the launcher."""
 
     job: Job
     run: str
+    sources: str = ""
 
 
 class OutletAddress(msgspec.Struct, frozen=True):

@@ -4,30 +4,67 @@ The launcher may be anybody on the network (`--unencrypted`), or anybody with th
 would be imported and called, and settings with files. Accepted are nodes, observers and messages of palpate, of
 packages that the user of this machine trusts (`--trust`), and of modules that are already imported. A logger may only
 write a file that is missing or already a recording.
+
+Placement never changes the results, so the sources of palpate and the data files in the settings must be those of the
+launcher's machine.
 """
 
+import functools
 from pathlib import Path
 
+from palpate.compiler import kernel_cache
 from palpate.engine.imports import UntrustedError, check_trusted, load_class, modules_of
 from palpate.engine.job import Job, NodeJob, ObserverJob, members
+from palpate.launch.load.dependencies import texts
 from palpate.launch.run.result import NodeFault
+from palpate.launch.run.tasks.task import ROOMS
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer
 from palpate.nodes.logger import Mcap
+from palpate.physics.extras import package_version
+from palpate.physics.readable import DATA, hash_of_file
 from palpate.records.format.mcap_file import MAGIC
 
 SOURCE = "the job of a launcher elsewhere"
 
 
-def refusal(job: Job) -> NodeFault | None:
-    """Why this machine does not run a job; None: it runs it. Nothing is called, and nothing untrusted imported."""
+@functools.cache
+def sources() -> str:
+    """A hash of the sources of palpate by which the nodes of a run compute and exchange messages."""
+    return kernel_cache.key((*ROOMS, "palpate.launch"))
+
+
+def refusal(job: Job, launcher: str) -> NodeFault | None:
+    """Why this machine does not run a job; None: it runs it. Nothing is called, and nothing untrusted imported.
+
+    launcher  `sources` of the launcher
+    """
     for given in members(job):
         try:
-            if text := _refusal(given):
+            if text := _refusal(given) or _difference(given, job.about.get("files")):
                 return NodeFault(given.name, "palpate remote join", text)
         except (UntrustedError, ImportError, AttributeError) as error:
             return NodeFault(given.name, "palpate remote join", f"refused: {error}")
+    if launcher != sources():
+        text = (
+            f"refused: palpate {package_version('palpate')} there has other sources ({sources()}) than that of the "
+            f"launcher ({launcher or 'unknown'}), so results might differ; install the same one on both machines"
+        )
+        return NodeFault(", ".join(given.name for given in members(job)), "palpate remote join", text)
     return None
+
+
+def _difference(given: NodeJob | ObserverJob, files: object) -> str:
+    """A data file in the settings that this machine lacks, or of which it has another one; empty: none.
+
+    files  names and hashes of the data files of the run, on the launcher's machine
+    """
+    named = set(texts(given.settings))
+    for name, expected in files.items() if isinstance(files, dict) else ():
+        if name in named and Path(name).suffix.lower() in DATA and (found := hash_of_file(name)) != expected:
+            what = "differs from that of the launcher" if found else "is missing"
+            return f"refused: {name}: the file there {what}; copy it to the same path on both machines"
+    return ""
 
 
 def _refusal(given: NodeJob | ObserverJob) -> str:

@@ -212,7 +212,7 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             what = "" if key is None else " and has the same key"
             raise RunError(f"no launcher at {address} that waits for group {group!r}{what}")
         assert take is not None
-        if (fault := refusal(take.job)) is not None:
+        if (fault := refusal(take.job, take.sources)) is not None:
             outgoing.set(zmq.LINGER, FAREWELL)
             with contextlib.suppress(zmq.Again):
                 outgoing.send(msgspec.msgpack.encode(reports.Addressed(group, fault)), zmq.NOBLOCK)

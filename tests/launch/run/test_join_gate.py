@@ -16,8 +16,9 @@ from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.bus import frame
 from palpate.launch.run.work import process
 from palpate.launch.run.work.far_clock import FarClock
-from palpate.launch.run.work.offered import refusal
+from palpate.launch.run.work.offered import refusal, sources
 from palpate.physics.errors import RunError
+from palpate.physics.readable import hash_of_file
 from palpate.records.format.mcap_file import MAGIC
 
 EVIL = """
@@ -81,19 +82,35 @@ def test_no_job_of_a_peer_runs_or_imports_other_code(mark):
     jobs = list(programs(mark))
     assert len(jobs) == 21
     for job in jobs:
-        fault = refusal(job)
+        fault = refusal(job, sources())
         assert fault is not None and fault.text.startswith("refused: "), job
         assert not mark.exists() and "peer" not in sys.modules, job
     assert str(mark.parent) not in sys.path
 
 
 def test_a_trusted_package_is_accepted(mark):
-    assert refusal(of_node(SERIES)) is None
-    assert "--trust peer" in refusal(of_node("peer.Innocent")).text
+    assert refusal(of_node(SERIES), sources()) is None
+    assert "--trust peer" in refusal(of_node("peer.Innocent"), sources()).text
     imports.trust("peer")
-    assert refusal(of_node("peer.Innocent")) is None and mark.exists()
-    assert refusal(of_observer("peer.Listener")) is None
-    assert "is not an Observer" in refusal(of_observer("peer.Innocent")).text
+    assert refusal(of_node("peer.Innocent"), sources()) is None and mark.exists()
+    assert refusal(of_observer("peer.Listener"), sources()) is None
+    assert "is not an Observer" in refusal(of_observer("peer.Innocent"), sources()).text
+
+
+
+def test_other_data_or_sources_than_those_of_the_launcher_are_refused_by_name(tmp_path):
+    """The body there was another organ than the one that the finger touches here."""
+    organ = tmp_path / "organ.stl"
+    organ.write_text("solid")
+    files = {str(organ): hash_of_file(organ), str(tmp_path / "of another group.stl"): "0"}
+    job = msgspec.structs.replace(of_node(SERIES, surface=str(organ)), about={"files": files})
+    assert refusal(job, sources()) is None
+    organ.write_text("solid of another person")
+    assert f"{organ}: the file there differs from that of the launcher; copy it" in refusal(job, sources()).text
+    organ.unlink()
+    assert f"{organ}: the file there is missing; copy it" in refusal(job, sources()).text
+    fault = refusal(of_node(SERIES), "0123")
+    assert fault.node == "a" and "other sources" in fault.text and "0123" in fault.text
 
 
 def test_the_logger_of_a_peer_replaces_recordings_only(mark):
@@ -108,9 +125,9 @@ def test_the_logger_of_a_peer_replaces_recordings_only(mark):
     allowed = [str(folder / name) for name in ("new.mcap", "old.mcap", "below/new.mcap")]
     refused = [str(folder / name) for name in ("keys", "notes.mcap", "folder.mcap", "link.mcap", "pipe.mcap", "x.sh")]
     for path in allowed:
-        assert refusal(of_observer(logger, path=path)) is None, path
+        assert refusal(of_observer(logger, path=path), sources()) is None, path
     for path in (*refused, 3, None):
-        assert "refused: path: " in refusal(of_observer(logger, path=path)).text, path
+        assert "refused: path: " in refusal(of_observer(logger, path=path), sources()).text, path
 
 
 def offering(port: int, job: Job, received: list[reports.Report]) -> None:
@@ -125,7 +142,7 @@ def offering(port: int, job: Job, received: list[reports.Report]) -> None:
             if not isinstance(report, reports.Hello):
                 received.append(report)
                 return
-            orders.send(frame("~join-far", b"0 " + msgspec.json.encode(reports.Take(job, "run"))))
+            orders.send(frame("~join-far", b"0 " + msgspec.json.encode(reports.Take(job, "run", sources()))))
 
 
 def test_join_refuses_the_job_of_a_peer_and_reports_it(mark):
