@@ -468,14 +468,15 @@ class Launcher:
         self._ending.check(begun=self.phase not in ("starting", "linking"))
         if not self._ending.near:
             self._check_hung()
-            self._check_lost()
+        self._check_lost()
 
     def _check_lost(self) -> None:
-        """A lost message on the simulated clock ends the run as a failure of its sender."""
-        if self._real or self.phase != "running" or not self._caught_up:
+        """A lost message on the simulated clock ends the run as a failure of its sender, also after Ctrl-C, when its
+        reader would wait for it."""
+        if self._real or self.phase not in ("running", "ending") or not self._caught_up:
             return
         gone = find_loss(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
-        if gone is not None:
+        if gone is not None and gone[0].alive:
             self._report_death(gone[0], NodeFault("", "stream", gone[1]))
 
     def _check_hung(self) -> None:

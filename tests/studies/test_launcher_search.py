@@ -13,7 +13,7 @@ from palpate.engine import clock
 from palpate.launch.run import ending, launcher, reports
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.wire import bus, wires
-from palpate.launch.run.work import loops, simulated
+from palpate.launch.run.work import loops, simulated, worker
 from palpate.launch.run.work.far_clock import FarClock
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.studies.faults.launcher import search as searching
@@ -249,10 +249,32 @@ def without_an_end_of_what_restarts(monkeypatch):
     monkeypatch.setattr(WorkerHandle, "hang", lambda m, t: "" if m.state == "restarting" else hang(m, t))
 
 
+def without_losses_after_ctrl_c(monkeypatch):
+    """After Ctrl-C no message counts as lost, and its reader waits for it."""
+    check = launcher.Launcher._check_lost
+    monkeypatch.setattr(launcher.Launcher, "_check_lost", lambda self: self.phase == "running" and check(self))
+
+
+def with_a_wait_for_two_things(monkeypatch):
+    """A worker whose observers are full reports that it waits for the message that it awaited before."""
+
+    def old(self):
+        self.check_orders()
+        if clock.now() - self._reported > worker.REPORT:
+            self.sign_of_life()
+
+    monkeypatch.setattr(Worker, "_poll_while_full", old)
+
+
 FAR, LOG = frozenset(["spring"]), frozenset(["log"])
 SECOND = (("source", "log"), ("spring",), ("sum",), ("second",))
 LOGGED = (("source", "spring", "sum"), ("second", "log"))
 COUPLED = (("source", "sum"), ("spring", "second"), ("drag",), ("log",))
+BLOCKED = Scene(
+    530479, "simulated", 1000.0, 37, (("source",), ("spring", "log"), ("sum",), ("drag",)), frozenset(), frozenset(),
+    frozenset(), 2.0, (("source", 0.0047), ("spring", 0.0077), ("sum", 0.008), ("drag", 0.0047)), 0.002,
+    (at("stop", "spring-log", 0.8989),),
+)  # fmt: skip
 TOGETHER = (("source",), ("spring",), ("sum", "log"))
 LATER = at("interrupt", "", 2.5)
 PLANTED = [
@@ -290,6 +312,10 @@ PLANTED = [
     (without_an_end_of_what_restarts, "ends",
      [scene(Fault("raise", "spring", Moment(call="step", count=9), node="spring"),
             after("stop", "spring", "NodesEnded", 1e-5), ticks=200, restart=FAR, seed=seed) for seed in range(3)]),
+    (without_losses_after_ctrl_c, "ends",
+     [scene(at("interrupt", "", 0.5), at("part", "spring", 0.5 + 1e-4 * k, duration=0.1), clock="simulated", joined=FAR,
+            groups=SECOND, slower=NODES, seed=k) for k in range(8)]),
+    (with_a_wait_for_two_things, "innocent", [BLOCKED]),
     (with_a_wait_for_readers_that_have_ended, "returns",
      [scene(at("kill", "log", 0.5), at("kill", "spring", 1.8), restart=FAR, ticks=400)]),
 ]  # fmt: skip

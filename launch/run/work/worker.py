@@ -472,11 +472,15 @@ class Worker:
 
     def _poll_while_full(self) -> None:
         """While the buffers of observers are full: handle orders and send heartbeats."""
-        if self.bus is not None:
-            self.bus.sweep()
-        self.check_orders()
-        if clock.now() - self._reported > REPORT:
-            self.sign_of_life()
+        awaits, self.awaits = self.awaits, None  # the message may have arrived
+        try:
+            if self.bus is not None:
+                self.bus.sweep()
+            self.check_orders()
+            if clock.now() - self._reported > REPORT:
+                self.sign_of_life()
+        finally:
+            self.awaits = awaits
 
     def _mark_heard(self) -> None:
         if self.bus is not None:

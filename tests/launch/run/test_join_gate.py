@@ -97,7 +97,6 @@ def test_a_trusted_package_is_accepted(mark):
     assert "is not an Observer" in refusal(of_observer("peer.Innocent"), sources()).text
 
 
-
 def test_other_data_or_sources_than_those_of_the_launcher_are_refused_by_name(tmp_path):
     """The body there was another organ than the one that the finger touches here."""
     organ = tmp_path / "organ.stl"
