@@ -142,6 +142,11 @@ class _Filling:
                 return
             yield tick, payloads
             due = tick + 1
+        # after the last message of a source that does not send at each tick
+        every = {name: spec.every for name, spec in self.plan.graph.nodes.items()}
+        made = max((int(row["steps"] - 1) * every[name] for name, row in self.stored.times.items()), default=-1)
+        for tick in range(due, min(made, last) + 1):
+            yield tick, {}
 
     def _last(self, name: str, row: np.ndarray) -> int:
         """The last tick that can be computed from a source's messages. RecordingError: some are missing."""
