@@ -1,5 +1,7 @@
 """Builds the job of each worker from a plan and a placement."""
 
+from collections.abc import Collection
+
 from palpate.compiler.cores import usable_cores
 from palpate.engine.graph import places
 from palpate.engine.job import Job, node_job, observer_job
@@ -20,6 +22,7 @@ def jobs(
     ticks: int | None = None,
     pace: float | None = None,
     about: dict[str, object] | None = None,
+    joined: Collection[str] = (),
 ) -> list[Job]:
     """One job per group of the placement, with the nodes in the plan's order.
 
@@ -27,7 +30,9 @@ def jobs(
     ticks  number of ticks, None: until stopped
     pace   see `Job`
 
-    Groups without a `core:` get those of `_cores`.
+    joined  groups that are started by hand, perhaps on a machine with other cores
+
+    Groups without a `core:` get those of `cores_of`; joined ones where they are started.
     """
     path = force_path(plan)
     links = _links(plan, path)
@@ -48,7 +53,7 @@ def jobs(
                 ticks=ticks,
                 pace=pace,
                 links=links,
-                core=group.core or _cores(on_path, apart, len(placement.groups)),
+                core=group.core or (None if group.name in joined else cores_of(on_path, apart, len(placement.groups))),
                 priority=group.priority or (PRIORITY + leads if on_path else None),
                 host=group.host,
                 phase=phase,
@@ -90,7 +95,7 @@ def _external(plan: Plan, place: dict[str, str], group: ProcessGroup) -> dict[st
     return {stream: tuple(groups) for stream, groups in readers.items()}
 
 
-def _cores(on_path: bool, apart: bool, groups: int) -> tuple[int, ...] | None:
+def cores_of(on_path: bool, apart: bool, groups: int) -> tuple[int, ...] | None:
     """The force path gets one core, since a wake-up on another core costs more than a context switch; all other groups
     use the other cores.
 

@@ -149,7 +149,7 @@ def execute(
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
     joined = frozenset(group.name for group in place.groups if group.join or not _is_here(group.host))
     fused = len(place.groups) == 1 and clock == "simulated" and not joined
-    work = _jobs(launch, recorded, planned, place, clock, ticks, fused)
+    work = _jobs(launch, recorded, planned, place, clock, ticks, fused, joined)
     if joined:
         work = _reachable(work, joined, network)
     elif not (fused or has_unix_sockets()):
@@ -183,8 +183,9 @@ def execute(
 
 
 def _jobs(
-    launch: LaunchFile, recorded: Plan, planned: Plan, place: Placement, clock: str, ticks: int | None, fused: bool
-) -> list[Job]:
+    launch: LaunchFile, recorded: Plan, planned: Plan, place: Placement, clock: str, ticks: int | None, fused: bool,
+    joined: frozenset[str],
+) -> list[Job]:  # fmt: skip
     """The jobs of the workers, with the provenance for the recording.
 
     recorded, planned  the plan before and after the nodes were removed whose messages a replay computes
@@ -196,7 +197,7 @@ def _jobs(
     if files := data_files(recorded.graph):
         more["files"] = files
     provenance = about(recorded, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups, **more)
-    return jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
+    return jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance, joined=joined)
 
 
 def _crowded(place: Placement) -> str:

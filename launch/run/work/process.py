@@ -17,9 +17,11 @@ from zmq.utils.monitor import recv_monitor_message
 
 from palpate.engine import clock
 from palpate.engine.clock import Silence, real_time
+from palpate.engine.imports import load_class
 from palpate.engine.job import Job
 from palpate.engine.slot import NodeError
 from palpate.launch.run import reports
+from palpate.launch.run.assign import cores_of
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.result import NodeFault
 from palpate.launch.run.wire.addresses import has_unix_sockets, is_tcp
@@ -33,6 +35,7 @@ from palpate.launch.run.work.loops import run
 from palpate.launch.run.work.offered import refusal
 from palpate.launch.run.work.watchdog import running_node
 from palpate.launch.run.work.worker import ORPHANED, REPORT, EndedError, Worker
+from palpate.nodes.base import Node
 from palpate.physics.errors import RunError
 
 WAIT = 200  # [ms] for an order before tick 0, between two heartbeats
@@ -217,7 +220,11 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             with contextlib.suppress(zmq.Again):
                 outgoing.send(msgspec.msgpack.encode(reports.Addressed(group, fault)), zmq.NOBLOCK)
             raise RunError(f"the launcher at {address}: {fault}")
-    job = msgspec.structs.replace(take.job, host=take.job.host or _address_towards(host))
+    job = take.job
+    if job.core is None and job.priority is not None:  # on the force path; the launcher may have other cores
+        alone = all(load_class(node.cls, Node).paced for node in job.nodes)
+        job = msgspec.structs.replace(job, core=cores_of(True, alone, groups=2))
+    job = msgspec.structs.replace(job, host=job.host or _address_towards(host))
     with _pulse(reports_at, group, key):
         return serve(reports.Start(job, take.run, orders_at, reports_at, key, key is not None), alone=True)
 

@@ -45,3 +45,13 @@ def test_paced_nodes_have_the_highest_priority():
     assert {job.group: job.priority for job in given if job.group in ("device", "finger", "log")} == {
         "device": PRIORITY + 1, "finger": PRIORITY, "log": None,
     }  # fmt: skip
+
+
+def test_a_group_that_joins_gets_the_cores_of_its_machine(monkeypatch):
+    """It was pinned to a core of the launcher, which the other machine may lack."""
+    planned = plan(find("kidney").load())
+    monkeypatch.setattr(assign, "usable_cores", lambda: list(range(64)))
+    given = jobs(planned, find("kidney").placement(planned), clock="real", joined=["tissue"])
+    assert {job.group: job.core for job in given if job.group in ("contact", "tissue")} == {
+        "contact": (63,), "tissue": None,
+    }  # fmt: skip
