@@ -270,6 +270,7 @@ def test_the_first_difference_is_reported_with_stream_tick_field_and_both_values
     report = check(path)
     first = report.first
     assert (first.stream, first.tick, first.field, first.unit) == ("drag", 77, "bristle[1]", "m")
+    assert report.until == 0.076  # [s] of the last tick before
     assert (first.recorded, first.computed) == ("0.25", "0.0")
     code, out, _ = say("replay", path, "--check")
     assert code == 1 and "stream 'drag', tick 77, field bristle[1] [m]: recorded 0.25, computed 0.0" in out
