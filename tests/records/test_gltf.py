@@ -55,6 +55,16 @@ def stroked(tmp_path_factory):
     return Recording(path)
 
 
+def test_places_have_the_bounds_that_the_format_requires(tmp_path):
+    _, document = written(Recording(TOUCH), tmp_path / "a.gltf")
+    (primitive,) = document["meshes"][0]["primitives"]
+    given = document["accessors"][primitive["attributes"]["POSITION"]]
+    view = document["bufferViews"][given["bufferView"]]
+    data = base64.b64decode(document["buffers"][0]["uri"].partition(",")[2])
+    places = np.frombuffer(data, "<f4", 3 * given["count"], view["byteOffset"]).reshape(-1, 3)
+    assert given["min"] == places.min(axis=0).tolist() and given["max"] == places.max(axis=0).tolist()
+
+
 def test_stiffness_and_friction_are_those_of_the_graph(tmp_path):
     _, document = written(Recording(TOUCH), tmp_path / "a.gltf")
     (stiffness,), given = values(document, "stiffness")

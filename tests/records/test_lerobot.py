@@ -150,6 +150,18 @@ def test_lanes_become_the_episodes_of_single_runs(recording, tmp_path, monkeypat
     assert rows[0]["action"] != third[0]["action"]
 
 
+def test_without_friction_the_force_of_a_touch_is_that_of_the_contact(tmp_path):
+    path = tmp_path / "smooth.mcap"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        palpate.run("kidney", duration=DURATION, sets=(*SETS, "scene.tissue.friction=false"), record=path)
+    export(Recording(path), "lerobot", tmp_path / "set")
+    _, rows, _ = read(tmp_path / "set")
+    touched = [np.array(row["observation.touch.contact"]) for row in rows]
+    force = Recording(path).columns("contact")["force"]
+    assert max(np.linalg.norm(each[..., 6:9], axis=-1).max() for each in touched) == pytest.approx(force.max(), rel=0.05)
+
+
 def test_a_lane_that_fails_is_left_out(tmp_path, monkeypatch):
     monkeypatch.setattr(lane_blocks, "LANES", 2)  # the first block is checked before anything runs
     with pytest.warns(RuntimeWarning, match="1 of 4 lanes failed"):
