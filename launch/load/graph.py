@@ -395,6 +395,8 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
             named = {"setting": key}
             if keys.startswith("Did you mean") and not close.startswith("Did you mean"):
                 text, close, named = f"unknown key {key!r}", f"{keys} {close}", {}
+            if scene.has(path := f"{name}.{key}"):
+                close = f"The scene has it: set scene.{path}."
             faults.add(text, close + cure, line.place(key), node=name, **named)
     values = resolve(name, draft.cls, line, [key for key in draft.set_keys if key in known], scene, offers, faults)
     return NodeSpec(

@@ -397,3 +397,9 @@ def test_one_mistake_is_one_fault(whole):
             load(whole)
         whole.write_text(text)
         assert len(error.value.faults) == 1, str(error.value)
+
+
+def test_a_value_of_the_scene_that_was_taken_for_a_setting_is_named():
+    with pytest.raises(GraphError) as raised:
+        find("kidney").but(overrides=("tissue.friction=false",)).load()
+    assert "setting 'friction': unknown" in str(raised.value) and "set scene.tissue.friction." in str(raised.value)
