@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from palpate.cli.__main__ import app
 from palpate.models.fit.tissue import fit as fitting
 from palpate.models.fit.tissue import relaxing
+from palpate.models.fit.tissue.estimate import Problem
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press
 from palpate.models.fit.tissue.rigs import Rig, closed_form
@@ -133,6 +134,29 @@ def test_starts_for_other_minima_keep_the_relaxation_but_a_small_term(count):
         for y in starts:
             assert np.abs(relaxed(y) - relaxed(x)).max() < lost.max() + 0.05
     assert relaxing.other_orders("prony:1", 1, x) == []
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_derivatives_of_a_relaxing_press_are_those_of_its_forces(count):
+    """By central differences; also where a time exceeds the one before it and has no effect."""
+    drawn = draw_press(f"ball layer prony:{count}", 21, 0)
+    press = prepare_press("p", drawn.time, drawn.depth, drawn.force)
+    law = closed_form(drawn.case.rig, drawn.case.law)
+    problem = Problem([press], law, drawn.case.relaxation, True, False)
+    first, times = problem.start(), slice(2, 2 + 2 * count, 2)
+    turned = first.copy()
+    turned[times] = turned[times][::-1]
+    for x in (first, turned):
+        found = problem.jacobian(x)
+        for k in range(1, 1 + 2 * count):
+            ends = []
+            for side in (1e-5, -1e-5):
+                y = x.copy()
+                y[k] += side
+                ends.append(problem.law_forces(y)[0] * problem.weight[0])
+            expected = (ends[0] - ends[1]) / 2e-5
+            assert found[:, k] == approx(expected, abs=1e-7 + 1e-5 * np.abs(expected).max())
+    assert count == 1 or not found[:, 2 * count].any()
 
 
 def test_a_search_resumes_and_counts_strata(tmp_path, monkeypatch):

@@ -6,7 +6,7 @@ from pytest import approx
 
 from palpate.models.fe import MaterialError, demiray, mooney_rivlin, neo_hooke, ogden, yeoh
 from palpate.physics.materials.hyperelastic import moduli, rest_moduli, uniaxial
-from palpate.physics.materials.prony import relax_response
+from palpate.physics.materials.prony import relax_response, relaxed_slopes
 
 STRETCH = np.array([0.4, 0.7, 0.9, 0.99, 1.01, 1.2])
 LAWS = {
@@ -77,3 +77,14 @@ def test_a_prony_series_relaxes_a_step_and_a_ramp_like_the_integral():
     ramp = time - 0.3 * (time - 0.1 * -np.expm1(-time / 0.1)) - 0.4 * (time - 2.0 * -np.expm1(-time / 2.0))
     assert relax_response(*series, time, time) == approx(ramp, rel=1e-12)
     assert relax_response(*series, np.array([0.0, 1e9]), np.ones(2))[1] == approx(0.3)
+
+
+def test_slopes_of_a_prony_series_are_those_of_its_step_and_ramp():
+    """Derivatives of the closed forms by each share and by the logarithm of each time."""
+    g, tau = np.array([0.3, 0.4]), np.array([0.1, 2.0])
+    time = np.linspace(0.0, 3.0, 31)
+    x = time[:, None] / tau
+    step = np.stack([np.expm1(-x), g * x * np.exp(-x)], axis=2).reshape(-1, 4)
+    assert relaxed_slopes(g, tau, time, np.ones(31)) == approx(step, rel=1e-11, abs=1e-13)
+    ramp = np.stack([-tau * np.expm1(-x) - time[:, None], g * tau * (-np.expm1(-x) - x * np.exp(-x))], axis=2)
+    assert relaxed_slopes(g, tau, time, time) == approx(ramp.reshape(-1, 4), rel=1e-11, abs=1e-13)

@@ -27,11 +27,44 @@ def _relaxed_kernel(shares: Array, times: Array, time: Array, elastic: Array):
         total = still * elastic[k]
         for i in range(len(shares)):
             x = (time[k] - time[k - 1]) / times[i]
-            fresh = -np.expm1(-x) / x if x > 1e-9 else 1.0
-            history[i] = np.exp(-x) * history[i] + shares[i] * fresh * (elastic[k] - elastic[k - 1])
+            lost = -np.expm1(-x)  # 1 - exp(-x)
+            fresh = lost / x if x > 1e-9 else 1.0
+            history[i] = (1.0 - lost) * history[i] + shares[i] * fresh * (elastic[k] - elastic[k - 1])
             total += history[i]
         out[k] = total
     return out
+
+
+@kernel
+def _slopes_kernel(shares: Array, times: Array, time: Array, elastic: Array):
+    count = len(shares)
+    out = np.empty((len(elastic), 2 * count))
+    history, turn = np.full(count, elastic[0]), np.zeros(count)  # h_i and its derivative by ln tau_i
+    for k in range(len(elastic)):
+        for i in range(count):
+            if k > 0:
+                x = (time[k] - time[k - 1]) / times[i]
+                lost = -np.expm1(-x)
+                fresh, decay, change = lost / x if x > 1e-9 else 1.0, 1.0 - lost, elastic[k] - elastic[k - 1]
+                turn[i] = decay * (x * history[i] + turn[i]) + (fresh - decay) * change
+                history[i] = decay * history[i] + fresh * change
+            out[k, 2 * i] = history[i] - elastic[k]
+            out[k, 2 * i + 1] = shares[i] * turn[i]
+    return out
+
+
+def relaxed_slopes(shares: np.ndarray, times: np.ndarray, time: np.ndarray, elastic: np.ndarray) -> np.ndarray:
+    """(n, 2 k) Derivatives of `relax_response` by each share, and by the logarithm of its time.
+
+    With the part h_i of a term of share 1, h_i' = F_e' - h_i/tau_i, the response is F_e + sum_i g_i (h_i - F_e). Over a
+    step x = dt/tau_i in which F_e changes by dF, h = e^-x h + f dF, f = (1 - e^-x)/x, so that
+
+        dh/d(ln tau) = e^-x (x h + dh/d(ln tau)) + (f - e^-x) dF.
+    """
+    return _slopes_kernel(
+        np.ascontiguousarray(shares, float), np.ascontiguousarray(times, float), np.ascontiguousarray(time, float),
+        np.ascontiguousarray(elastic, float),
+    )  # fmt: skip
 
 
 def relax_response(

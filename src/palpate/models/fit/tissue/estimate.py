@@ -265,8 +265,17 @@ class Problem:
         step, count, first = np.where(x + STEP < self.bounds[1], STEP, -STEP), len(self.presses), len(self.parameters)
         slopes = np.zeros((self.count, len(x)))
         ends = np.cumsum([0, *map(len, self.weight)])
+        exact = range(0)  # unknowns whose derivatives the relaxation has
+        if relaxing.has_slopes(self.kind):
+            exact = range(len(self.law.parameters), first)
+            if free[exact].any():
+                values, touches = self.values(x), self.touches(x)
+                for i, (press, touch, w) in enumerate(zip(self.presses, touches, self.weight, strict=True)):
+                    found = relaxing.slopes(self.kind, self.law, values, press, touch)
+                    slopes[ends[i] : ends[i + 1], exact] = found * w[:, None]
         # the unknown that moves in each press
-        moved = [np.full(count, k) for k in range(first)] + ([first + np.arange(count)] if self.free_touch else [])
+        moved = [np.full(count, k) for k in range(first) if k not in exact]
+        moved += [first + np.arange(count)] if self.free_touch else []
         for each in moved:
             if not free[each].any():
                 continue

@@ -11,7 +11,7 @@ import numpy as np
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
-from palpate.physics.materials.prony import relax_response
+from palpate.physics.materials.prony import relax_response, relaxed_slopes
 
 KINDS = ("none", "kelvin-voigt", "hunt-crossley", "prony:1", "prony:2", "prony:3")
 
@@ -105,10 +105,38 @@ def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: floa
         return np.maximum(elastic + values["retardation"] * slope * press.rate, 0.0)
     if kind == "hunt-crossley":
         return elastic * np.maximum(1.0 + values["damping"] * press.rate, 0.0)
+    return relax_response(*_series(kind, values), press.time, elastic)
+
+
+def has_slopes(kind: str) -> bool:
+    """Whether `slopes` has the derivatives of this kind."""
+    return kind.startswith("prony:")
+
+
+def slopes(kind: str, law: Law, values: Values, press: MeasuredPress, touch: float) -> np.ndarray:
+    """Derivatives [N] (n, 2 N) of the force by the shares and the logarithms of the times of a Prony series.
+
+    The share of a term of the whole is g_i = s_i (1 - s_1) ... (1 - s_(i-1)): a later one falls by g_j/(1 - s_i).
+    """
+    assert press.time is not None  # of every fit with relaxation
+    shares, times = _series(kind, values)
+    by_whole = relaxed_slopes(shares, times, press.time, force("none", law, values, press, touch))
+    given = [values[f"time_{i}"] for i in range(1, len(shares) + 1)]
+    slowest = [given.index(time) for time in times]
+    out, left = np.zeros_like(by_whole), 1.0
+    for i in range(len(shares)):
+        share = values[f"share_{i + 1}"]
+        out[:, 2 * i] = left * by_whole[:, 2 * i] - by_whole[:, 2 * i + 2 :: 2] @ shares[i + 1 :] / (1.0 - share)
+        left *= 1.0 - share
+        out[:, 2 * slowest[i] + 1] += by_whole[:, 2 * i + 1]  # the parameter that is its time
+    return out
+
+
+def _series(kind: str, values: Values) -> tuple[np.ndarray, np.ndarray]:
+    """Shares [1] of the whole and times [s] of a Prony series. Each parameter is a share of the remainder, so that the
+    sum is below 1, and no term is slower than the one before it: else two terms could change their names."""
     shares, left = [], 1.0
-    for i in range(1, int(kind.partition(":")[2]) + 1):  # each is a share of the remainder, so that their sum is < 1
+    for i in range(1, int(kind.partition(":")[2]) + 1):
         shares.append(left * values[f"share_{i}"])
         left -= shares[-1]
-    # no term is slower than the one before it: else two terms could change their names
-    times = np.minimum.accumulate([values[f"time_{i}"] for i in range(1, len(shares) + 1)])
-    return relax_response(shares, times, press.time, elastic)
+    return np.array(shares), np.minimum.accumulate([values[f"time_{i}"] for i in range(1, len(shares) + 1)])
