@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.stats import f as fisher
 
 from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
-from palpate.models.fit.tissue.measured import LEAST_AIR, MOST_RISE, RARE, SUSPECT, MeasuredPress, deepest_row
+from palpate.models.fit.tissue.measured import LEAST_AIR, MOST_RISE, RARE, SUSPECT, MeasuredPress, Rise, deepest_row
 from palpate.models.fit.tissue.noise import SURE_ROWS, gain, in_contact, noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
@@ -154,7 +154,7 @@ def allow_for_drift(
     allowed = [problem.with_changes([replace(press, drifts=True) for press in problem.presses])]
     if bends:
         curved = [replace(press, drifts=True, bends=True) for press in problem.presses]
-        risen = [replace(press, drifts=True, bends=True) for press in _with_rise(problem, best)]
+        risen = [replace(press, drifts=True, bends=True) for press in _with_rise(problem, best, False)]
         allowed += [problem.with_changes(curved), problem.with_changes(risen)]
     if allowed[-1].names == problem.names:
         return {}, []
@@ -220,12 +220,12 @@ def include_rise(problem: Problem, best: Estimate, chances: dict[str, float]) ->
     show one: it is no misfit of the law."""
     if chances.get(RISE, 1.0) > RARE:
         return problem, best, []
-    risen = problem.with_changes(_with_rise(problem, best))
+    risen = problem.with_changes(_with_rise(problem, best, True))
     if risen.count < LEAST_PER_UNKNOWN * len(risen.names):
         return problem, best, []
     better = estimate(risen, begin=_begins(risen, best))
     sizes = [better.number(f"rise, {press.name}")[0] for press in risen.presses]
-    if max(map(abs, sizes)) > 100.0 * MOST_RISE:  # the begin of a law of this shape
+    if max(map(abs, sizes)) > 99.0 * MOST_RISE:  # at its limit: the begin of a law of this shape
         return problem, best, []
     notes = [
         f"{press.name}: the force rises before contact, by {abs(size):.2g} % of the peak; an exponential rise was "
@@ -293,7 +293,7 @@ def widen(problem: Problem, best: Estimate, chances: dict[str, float]) -> tuple[
     notes, lost = [], True
     given = {p.name: replace(best.intervals[p.name]) for p in problem.parameters}
     if chances.get(RISE, 1.0) <= limit:
-        others[RISE] = {"presses": _with_rise(problem, best)}
+        others[RISE] = {"presses": _with_rise(problem, best, True)}
     for what, change in others.items():
         if chances.get(what, 1.0) > limit:
             continue
@@ -392,8 +392,9 @@ def _rises(press: MeasuredPress, touch: float) -> list[tuple[float, np.ndarray]]
     ]  # fmt: skip
 
 
-def _with_rise(problem: Problem, best: Estimate) -> list[MeasuredPress]:
-    """The presses with the rise before contact that explains most of their residuals."""
+def _with_rise(problem: Problem, best: Estimate, free: bool) -> list[MeasuredPress]:
+    """The presses with the rise before contact that explains most of their residuals. `free`: its length is an unknown
+    of the fit, which only a rise that the residuals show determines."""
     out = []
     jacobian, at = problem.jacobian(best.at), 0
     for press, touch, residual, w in zip(problem.presses, best.touches, best.residuals, problem.weight, strict=True):
@@ -406,7 +407,8 @@ def _with_rise(problem: Problem, best: Estimate) -> list[MeasuredPress]:
         for length, column in _rises(press, touch):
             rest = w * column - own @ (own.T @ (w * column))
             gains.append((float(rest @ (residual * w)) ** 2 / max(float(rest @ rest), 1e-300), length))
-        out.append(replace(press, rise=(max(gains)[1], touch)) if gains else press)
+        away = touch - float(press.depth.min())
+        out.append(replace(press, rise=Rise(max(gains)[1], away, free)) if gains else press)
     return out
 
 

@@ -23,7 +23,7 @@ from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import noise, relaxing, separable
-from palpate.models.fit.tissue.measured import MeasuredPress
+from palpate.models.fit.tissue.measured import MOST_RISE, MeasuredPress, Rise
 from palpate.models.fit.tissue.profile import Interval, include_profiles, linear_interval
 from palpate.models.fit.tissue.residuals import inflation, runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
@@ -37,6 +37,7 @@ APART, LIKELY = (
     1e-2,
     3.0,
 )  # Least distance of two minima in search coordinates; limit of their squares, over the least [1]
+SHORTEST, LONGEST = 0.02, 2.0  # [1] Lengths of a rise before contact, over the approach
 STEP = 1e-6  # finite-difference step of a Jacobian, in search coordinates
 LEAST_EFFECTIVE = 3.0
 """Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
@@ -102,7 +103,8 @@ class Estimate:
 class Problem:
     """Residuals and Jacobian of a law with relaxation, over presses, as functions of the unknowns x.
 
-    x contains the parameters (as logarithms where `Parameter.log`), the touch points and the baselines.
+    x contains the parameters (as logarithms where `Parameter.log`), the touch points, the lengths l of the rises before
+    contact, exp(min(s, 0)/l) of the indentation s, and the baselines. Each rise ends at the touch point of its press.
 
     free_touch  whether the touch point of each press is fitted
     relative    weight 1/max(force, 5 % of the peak) instead of 1/peak
@@ -122,18 +124,19 @@ class Problem:
             for p, peak in zip(presses, peaks, strict=True)
         ]
         self.baselines: list[tuple[str, int, np.ndarray]] = []
+        self.rises: list[tuple[int, int, Rise]] = []  # baseline and press of each
         for i, (press, peak) in enumerate(zip(self.presses, peaks, strict=True)):
             self.baselines.append((f"zero, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
             if press.drifts:
                 self.baselines.append((f"drift, {press.name}", i, 0.01 * peak * press.elapsed))
             if press.rise:
-                length, at = press.rise
-                rising = np.exp(np.minimum(press.depth - at, 0.0) / length)
-                self.baselines.append((f"rise, {press.name}", i, 0.01 * peak * rising))
+                self.baselines.append((f"rise, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
+                self.rises.append((len(self.baselines) - 1, i, press.rise))
             if press.bends:
                 self.baselines.append((f"bend, {press.name}", i, 0.01 * peak * press.elapsed**2))
         self.names = [p.name for p in self.parameters]
         self.names += [f"touch, {p.name}" for p in presses] if free_touch else []
+        self.names += [f"length of the rise, {self.presses[i].name}" for _, i, rise in self.rises if rise.free]
         self.names += [name for name, _, _ in self.baselines]
         self.count = sum(len(p.force) for p in presses)
 
@@ -143,17 +146,62 @@ class Problem:
         return np.concatenate([p.force * w for p, w in zip(self.presses, self.weight, strict=True)])
 
     @cached_property
-    def columns(self) -> np.ndarray:
-        """(n, k) Weighted baselines."""
-        columns, ends = np.zeros((self.count, len(self.baselines))), np.cumsum([0, *map(len, self.weight)])
+    def ends(self) -> np.ndarray:
+        """First row of each press, and the end of the last one."""
+        return np.cumsum([0, *map(len, self.weight)])
+
+    @cached_property
+    def _flat(self) -> np.ndarray:
+        """(n, k) Weighted baselines, with rises that do not depend on the indentation."""
+        columns = np.zeros((self.count, len(self.baselines)))
         for k, (_, i, column) in enumerate(self.baselines):
-            columns[ends[i] : ends[i + 1], k] = column * self.weight[i]
+            columns[self.ends[i] : self.ends[i + 1], k] = column * self.weight[i]
         return columns
+
+    def columns(self, x: np.ndarray) -> np.ndarray:
+        """(n, k) Weighted baselines."""
+        if not self.rises:
+            return self._flat
+        columns = self._flat.copy()
+        for rows, k, s, _ in self._risen(x):
+            columns[rows, k] *= np.exp(s)
+        return columns
+
+    def column_slopes(self, x: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        """(n, unknowns) Derivatives of the baselines of these sizes (k,) by touch points and lengths of rises."""
+        slopes = np.zeros((self.count, len(x)))
+        touches, lengths = len(self.parameters), self.first_length
+        for (rows, k, s, length), (_, i, rise) in zip(self._risen(x), self.rises, strict=True):
+            rising = sizes[k] * self._flat[rows, k] * np.exp(s)
+            if self.free_touch:
+                slopes[rows, touches + i] = np.where(s < 0.0, -self.presses[i].slack / length * rising, 0.0)
+            if rise.free:
+                slopes[rows, lengths] = -s * rising
+                lengths += 1
+        return slopes
+
+    def _risen(self, x: np.ndarray) -> list[tuple[slice, int, np.ndarray, float]]:
+        """Of each rise: rows, baseline, indentation above the touch point over the length (n,) <= 0, length [m]."""
+        touches, at, out = self.touches(x), self.first_length, []
+        for k, i, rise in self.rises:
+            length = rise.length
+            if rise.free:
+                length *= math.exp(x[at])
+                at += 1
+            s = np.minimum(self.presses[i].depth - touches[i], 0.0) / length
+            out.append((slice(self.ends[i], self.ends[i + 1]), k, s, length))
+        return out
+
+    @property
+    def first_length(self) -> int:
+        """The first unknown that is the length of a rise, as its logarithm over that of `Rise`."""
+        return len(self.parameters) + (len(self.presses) if self.free_touch else 0)
 
     @cached_property
     def projected(self) -> tuple[separable.Baselines, np.ndarray]:
-        """The baselines, and the weighted measured forces (n,) without their part in the space of the baselines."""
-        baselines = separable.Baselines(self.columns)
+        """The baselines without rises, and the weighted measured forces (n,) without their part in the space of the
+        baselines."""
+        baselines = separable.Baselines(self._flat)
         return baselines, baselines.project(self.measured)
 
     def with_changes(
@@ -173,6 +221,9 @@ class Problem:
                 ends = (np.array([press.depth.min(), press.depth.max()]) - press.touch) / press.slack
                 low.append(min(-2.0, float(ends[0])) if press.air else -2.0)
                 high.append(max(2.0, 0.99 * float(ends[1])) if press.air else 2.0)
+        for rise in (rise for _, _, rise in self.rises if rise.free):
+            low.append(math.log(SHORTEST * rise.approach / rise.length))
+            high.append(math.log(LONGEST * rise.approach / rise.length))
         limits = [self._limit(name, self.presses[i]) for name, i, _ in self.baselines]
         low += [-limit for limit in limits]  # in percent of the peak
         high += limits
@@ -181,7 +232,9 @@ class Problem:
     @staticmethod
     def _limit(name: str, press: MeasuredPress) -> float:
         """Limit of a baseline in percent of the largest force. That of an unknown zero leaves a press on both sides of
-        the forces, since the sensor may not be tared."""
+        the forces, since the sensor may not be tared. A larger rise before contact is the begin of the law."""
+        if name.startswith("rise"):
+            return 100.0 * MOST_RISE
         if not name.startswith("zero"):
             return 100.0
         return 10.0 if press.air else 100.0 * (1.0 + float(np.ptp(press.force) / np.abs(press.force).max()))
@@ -204,8 +257,9 @@ class Problem:
 
     def forces(self, x: np.ndarray) -> list[np.ndarray]:
         forces = self.law_forces(x)
-        for (_, i, column), size in zip(self.baselines, x[len(x) - len(self.baselines) :], strict=True):
-            forces[i] = forces[i] + size * column
+        shapes = {k: np.exp(s) for _, k, s, _ in self._risen(x)}
+        for k, ((_, i, column), size) in enumerate(zip(self.baselines, x[len(x) - len(self.baselines) :], strict=True)):
+            forces[i] = forces[i] + size * column * shapes.get(k, 1.0)
         return forces
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
@@ -226,7 +280,7 @@ class Problem:
     def start(self) -> np.ndarray:
         """Initial guesses, with the first parameter scaled so that the forces have the norm of the measured ones."""
         guess = [p.to_search(p.guess) for p in self.parameters]
-        x = np.array(guess + [0.0] * ((len(self.presses) if self.free_touch else 0) + len(self.baselines)))
+        x = np.array(guess + [0.0] * (len(self.names) - len(guess)))
         guessed = float(np.linalg.norm(np.concatenate(self.forces(x))))
         measured = float(np.linalg.norm(np.concatenate([p.force for p in self.presses])))
         if self.parameters[0].log and guessed > 0.0 and math.isfinite(guessed):
@@ -263,8 +317,7 @@ class Problem:
         mask `free`: of a scale exact, of the others forward differences. The touch points move together, as each
         belongs to one press."""
         step, count, first = np.where(x + STEP < self.bounds[1], STEP, -STEP), len(self.presses), len(self.parameters)
-        slopes = np.zeros((self.count, len(x)))
-        ends = np.cumsum([0, *map(len, self.weight)])
+        slopes, ends = np.zeros((self.count, len(x))), self.ends
         exact = range(0)  # unknowns whose derivatives the relaxation has
         if relaxing.has_slopes(self.kind):
             exact = range(len(self.law.parameters), first)
@@ -291,8 +344,10 @@ class Problem:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """(rows, unknowns) Derivatives of the residuals; those of the baselines are exact."""
-        whole = self.law_slopes(x, self.law_forces(x), np.ones(len(x), bool))
-        whole[:, len(x) - len(self.baselines) :] = self.columns
+        whole, last = self.law_slopes(x, self.law_forces(x), np.ones(len(x), bool)), len(x) - len(self.baselines)
+        if self.rises:
+            whole += self.column_slopes(x, x[last:])
+        whole[:, last:] = self.columns(x)
         # an exponential law can exceed the range of numbers during the search, whose squares must not
         return np.clip(np.nan_to_num(whole, posinf=0.0, neginf=0.0), -STEEPEST, STEEPEST)
 

@@ -43,13 +43,26 @@ MOST_ROWS = 1000  # Most rows of a press that are fitted; more rows are averaged
 
 
 @dataclass(frozen=True)
+class Rise:
+    """An exponential rise of the force before contact, up to the touch point of the fit.
+
+    length, approach  [m]  of the rise, and of the approach
+    free    whether the length is an unknown of the fit, which begins at `length`
+    """
+
+    length: float
+    approach: float
+    free: bool = False
+
+
+@dataclass(frozen=True)
 class MeasuredPress:
     """One press: time [s] (n,) or None, indentation [m] (n,), force [N] (n,) without its zero.
 
     touch   [m]  indentation at first contact, estimated from the force; its uncertainty is `slack` [m]
     zero    [N]  mean force before contact, subtracted from `force`; the fit estimates the remaining offset
     drifts, bends  whether the fit includes a baseline that is linear, and one that is quadratic in time
-    rise    [m]  length of an exponential rise of the force before contact that the fit includes, and where it ends
+    rise    of the force before contact that the fit includes
     step    [N]  of the converter of the force; 0: no repeated values show one
     remarks  which columns were read, and which lines were not
     specimen  what is pressed, as the file names it; "": it does not
@@ -68,7 +81,7 @@ class MeasuredPress:
     air: bool = True
     remarks: tuple[str, ...] = ()
     step: float = 0.0
-    rise: tuple[float, float] | None = None
+    rise: Rise | None = None
     specimen: str = ""
 
     @cached_property

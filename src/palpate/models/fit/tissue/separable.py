@@ -4,7 +4,7 @@ The weighted force on n rows is a g(z) + B c, with the law's force g, its scale 
 best a and c follow from linear algebra, so that only z is searched: touch points and shape parameters, at most a few
 numbers. With the projection P orthogonal to B,
 
-    r(z) = a P g - P y,    a = (P g).y/|P g|²,    dr/dz = a P⊥ dg/dz,    P⊥ orthogonal to B and P g
+    r(z) = a P g - P y,    a = (P g).y/|P g|²,    dr/dz = P⊥ (a dg/dz + dB/dz c),    P⊥ orthogonal to B and P g
 
 G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; the derivative without its second term: L. Kaufman, BIT
 15 (1975) 49-57. A baseline beyond its bound is held there. The same method fits force models of few points in
@@ -57,11 +57,13 @@ class Problem(Protocol):
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]: ...
     @property
-    def columns(self) -> np.ndarray: ...
+    def rises(self) -> Sequence[Any]: ...
     @property
     def measured(self) -> np.ndarray: ...
     @property
     def projected(self) -> tuple[Baselines, np.ndarray]: ...
+    def columns(self, x: np.ndarray) -> np.ndarray: ...
+    def column_slopes(self, x: np.ndarray, sizes: np.ndarray) -> np.ndarray: ...
     def law_forces(self, x: np.ndarray) -> list[np.ndarray]: ...
     def law_slopes(self, x: np.ndarray, here: Sequence[np.ndarray], free: np.ndarray) -> np.ndarray: ...
 
@@ -80,14 +82,20 @@ class _Search:
         self.free = np.array([k for k in range(int(problem.law.proportional), self.last) if k != fixed], int)
         self.moves = np.isin(np.arange(len(x)), self.free)
         self.low, self.high = (side[self.free] for side in problem.bounds)
-        if held.any():
-            self.measured = problem.measured - problem.columns[:, held] @ x[self.last :][held]
-            self.baselines = Baselines(problem.columns[:, ~held])
-            self.target = self.baselines.project(self.measured)
+        self.held = held
+        if held.any() or problem.rises:
+            self._project(x)
         else:
             self.measured, (self.baselines, self.target) = problem.measured, problem.projected
         self.loose = self.last + np.flatnonzero(~held)
         self.at: np.ndarray | None = None
+
+    def _project(self, x: np.ndarray) -> None:
+        """Keep the baselines at x, and the measured forces without those that are held."""
+        columns = self.problem.columns(x)
+        self.measured = self.problem.measured - columns[:, self.held] @ self.x[self.last :][self.held]
+        self.baselines = Baselines(columns[:, ~self.held])
+        self.target = self.baselines.project(self.measured)
 
     def whole(self, z: np.ndarray) -> np.ndarray:
         y = self.x.copy()
@@ -98,8 +106,10 @@ class _Search:
         """Keep the force g and the scale a at z."""
         if self.at is not None and np.array_equal(z, self.at):
             return
-        self.at = z.copy()
-        self.forces = self.problem.law_forces(self.whole(z))
+        self.at, x = z.copy(), self.whole(z)
+        if self.problem.rises:  # which end at the touch point
+            self._project(x)
+        self.forces = self.problem.law_forces(x)
         self.raw = np.concatenate([f * w for f, w in zip(self.forces, self.problem.weight, strict=True)])
         self.g = self.baselines.project(self.raw)
         self.square = float(self.g @ self.g)
@@ -116,8 +126,13 @@ class _Search:
     def jacobian(self, z: np.ndarray) -> np.ndarray:
         """(n, z) Derivatives of the residuals."""
         self.evaluate(z)
-        columns = self.problem.law_slopes(self.whole(z), self.forces, self.moves)[:, self.free]
-        columns = self.a * self.baselines.project(columns)
+        x = self.whole(z)
+        columns = self.a * self.problem.law_slopes(x, self.forces, self.moves)[:, self.free]
+        if self.problem.rises:
+            sizes = x[self.last :].copy()
+            sizes[~self.held] = self.baselines.sizes(self.measured - self.a * self.raw)
+            columns += self.problem.column_slopes(x, sizes)[:, self.free]
+        columns = self.baselines.project(columns)
         if self.scaled and self.square > 0.0:
             columns -= np.outer(self.g, (self.g @ columns) / self.square)
         return np.nan_to_num(columns, posinf=0.0, neginf=0.0)
@@ -158,7 +173,7 @@ def solve(problem: Problem, x: np.ndarray, fixed: int = -1) -> tuple[np.ndarray,
         held[worst] = True
         x = np.clip(out, low, high)
     # a baseline that is held must not reduce the squares by a return from its bound
-    slopes = problem.columns[:, held].T @ residuals
+    slopes = problem.columns(out)[:, held].T @ residuals
     upper = out[last:][held] > 0.0
     if (np.where(upper, slopes, -slopes) > 0.0).any() or not (low[0] <= out[0] <= high[0]):
         return None
