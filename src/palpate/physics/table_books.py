@@ -130,4 +130,4 @@ def _columns(name: str, value: Any) -> dict[str, np.ndarray]:
         return {name: array.astype(float)}
     if array.shape[1] > MOST_COLUMNS:
         return {}
-    return {f"{name}({k + 1})": array[:, k].astype(float) for k in range(array.shape[1])}
+    return {f"{name} {k + 1}": array[:, k].astype(float) for k in range(array.shape[1])}

@@ -30,6 +30,14 @@ def split_row(line: int, text: str, separator: str) -> list[str]:
         raise ValueError(f"row {line}: {error}") from None
 
 
+def row_count(text: str, separator: str) -> int:
+    """Number of cells of a line; 1 if it cannot be divided."""
+    try:
+        return len(split_cells(text, separator))
+    except ValueError:
+        return 1
+
+
 def cells_of(text: str) -> tuple[list[str], str]:
     """The cells of a line by its most frequent separator, and this separator."""
     separator = max(SEPARATORS[:-1], key=text.count)

@@ -9,6 +9,7 @@ comment (`numpy.savetxt`, JPK, `%` of MATLAB, rosbag); blocks that repeat the he
 
 import math
 import re
+from bisect import bisect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,7 @@ from palpate.physics.table_cells import (
     cells_of,
     is_row,
     join_units,
+    row_count,
     split_cells,
     split_row,
     texts_of,
@@ -35,6 +37,7 @@ from palpate.units.symbols import UnitError
 
 REMARK = re.compile(r"\s*(?:#(?!(?:N/A|DIV/0!|VALUE!|REF!|NAME\?|NUM!|NULL!))|%|//)")  # but no error of Excel
 COMMENT = re.compile(r"\s*(?:#+|%+|/{2,}) *(?:columns\s*:)?\s*?")
+NUMBER = re.compile(r'\s*"?[+-]?[.,]?\d')  # the begin of a row of numbers
 MOST_FOOTER = 5  # Rows of text in all needed columns; more of them are a sensor that failed
 COARSE, FEW = 0.5, 20
 """[s] Median time between the rows of a longer table than `FEW` rows, from which on its unit must be given."""
@@ -217,22 +220,32 @@ def _find_header(
 ) -> tuple[int, str, str]:
     """Line, text and separator of the header: the first line with a score of `full`, else the best one."""
     best = (-1, 0, "", "")  # score, line, text, separator
+    numbers = [(n, text) for n, text in body if NUMBER.match(text)]
+    begins = [n for n, _ in numbers]
     for at, line in lines:
         if best[0] >= full:
             break
         if best[0] >= 0 and not re.search(r"[^\W\d_]", re.sub(r"(?i)\d[eE][+-]?\d|nan|inf", "", line)):
             continue  # a row of numbers
-        for separator in SEPARATORS:
-            if separator != BLANK and separator not in line and separator != ",":
-                continue
-            try:
-                cells = split_cells(line, separator)
-            except ValueError:
-                cells = [line]
+        row = next((text for _, text in numbers[bisect(begins, at) :][:1]), "")
+        for separator, cells in _divided(line, row).items():
             found = score(cells)
             if found > best[0]:
                 best = (found, at, line, separator)
     return _before_numbers(body, score, best)[1:]
+
+
+def _divided(line: str, row: str) -> dict[str, list[str]]:
+    """Separator -> the cells of a line above a row of numbers, of those but blanks that give as many cells in both,
+    else of all: blanks and commas may also divide names and units."""
+    out: dict[str, list[str]] = {}
+    for separator in SEPARATORS:
+        if separator in (BLANK, ",") or separator in line:
+            try:
+                out[separator] = split_cells(line, separator)
+            except ValueError:
+                out[separator] = [line]
+    return {s: cells for s, cells in out.items() if s != BLANK and 1 < len(cells) == row_count(row, s)} or out
 
 
 def _columns_of_rows(
@@ -242,7 +255,7 @@ def _columns_of_rows(
     in a name may separate its unit."""
     if not rest:
         return cells, separator
-    begin = next((line for _, line in rest if re.match(r'\s*"?[+-]?[.,]?\d', line)), rest[0][1])
+    begin = next((line for _, line in rest if NUMBER.match(line)), rest[0][1])
     others = [s for s in (separator, *SEPARATORS) if s in (BLANK, separator) or s in begin]
     counts = {s: len(split_row(rest[0][0], begin, s)) for s in others}
     parts = {s: len(join_units(cells, text, c)) for s, c in counts.items()}
@@ -293,7 +306,11 @@ def _before_numbers(
         cells, separator = cells_of(text)
         if is_row(cells):
             break
-        if score(cells) >= found and not are_units(cells):
+        row = next((line for m, line in body if m > n and NUMBER.match(line)), "")
+        divided = _divided(text, row)
+        if separator not in divided:
+            separator = max(divided, key=lambda s: score(divided[s]))
+        if score(divided[separator]) >= found and not are_units(divided[separator]):
             best = (found, n, text, separator)
     return best
 

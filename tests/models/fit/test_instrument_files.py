@@ -159,6 +159,24 @@ def test_the_press_is_read(tmp_path, name):
     assert press.force + press.zero == approx(FORCE, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("head", "separator", "found"),
+    [
+        ("時間 [s],変位 Depth [mm],荷重 Force [N]", ",", "force and indentation"),
+        ("Stage Velocity, mm/s:\t0.1\n<DATA>\nTime, s\tPosition (z), mm\tFz, N", "\t", "indentation"),
+        ("Axis Time [s];Axis Depth [mm];Cell Force [N]", ";", "force and indentation"),
+    ],
+)
+def test_a_header_is_divided_like_the_rows_below_it(tmp_path, head, separator, found):
+    """Blanks and commas of the names divided it: the message was about cells of row 2, and columns by number read 'z'
+    as a unit."""
+    table = head + "\n" + rows(columns(), separator)
+    with pytest.raises(SessionError, match=f"no header with a column for {found}; found .* in row .[.] Name them"):
+        read(tmp_path, table)
+    (press,) = read(tmp_path, table, "time=1,indentation=2,force=3")
+    assert press.depth == approx(DEPTH, abs=3e-8) and press.force + press.zero == approx(FORCE, abs=1e-6)
+
+
 def spoilt(token):
     lines = PLAIN.splitlines()
     lines[30] = f"{lines[30].rpartition(',')[0]},{token}"
@@ -216,6 +234,12 @@ def test_workbooks_and_files_of_matlab_are_tables(tmp_path):
     for name, units in (("press.xlsx", ()), ("press.mat", ("force=N",)), ("struct.mat", ())):
         (press,) = PressReader([], units, False)(tmp_path / name)
         assert press.depth == approx(DEPTH, abs=1e-9) and press.force + press.zero == approx(FORCE, abs=1e-9)
+    savemat(tmp_path / "matrix.mat", {"data": columns()})  # columns by number, which read (1) as a unit
+    numbers = ["time=1", "indentation=2", "force=3"]
+    with pytest.raises(SessionError, match="column 'data 3': no unit; give it with --unit 3=UNIT"):
+        PressReader(numbers, (), False)(tmp_path / "matrix.mat")
+    (press,) = PressReader(numbers, ("1=s", "2=mm", "3=N"), False)(tmp_path / "matrix.mat")
+    assert press.depth == approx(DEPTH, abs=1e-9)
     with pytest.raises(SessionError, match="column 'force': no unit; give it with --unit force=UNIT"):
         PressReader([], (), False)(tmp_path / "press.mat")
     for row in columns().tolist():
