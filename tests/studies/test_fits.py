@@ -369,6 +369,13 @@ def test_a_rise_before_contact_has_the_length_and_the_end_that_fit_best(case, se
     assert any("rises before contact" in note for note in outcome.notes)
 
 
+def test_an_interval_keeps_what_it_was_widened_by():
+    """The note said that a press which touches from its first row on is included, but the fit with a zero that drifts
+    replaced the interval: it ended 2.25 times below the true stiffness."""
+    outcome = judge("ball exponential", 14, 39)
+    assert outcome.result in ("inside", "withheld") and any("from the first row on" in note for note in outcome.notes)
+
+
 def test_noise_with_a_gain_on_an_untared_sensor_is_seen():
     """The zero of a load cell was counted as force of the law, so that noise that grows with the force looked constant,
     and the zero was held at the largest force: the interval ended 3.7 times below the true stiffness without a note."""

@@ -215,18 +215,20 @@ def _gain_of_few_rows(problem: Problem, best: Estimate) -> bool:
     )
 
 
-def include_rise(problem: Problem, best: Estimate, chances: dict[str, float]) -> tuple[Problem, Estimate, list[str]]:
-    """The problem, its estimate, and a note, with a rise of the force before contact in each press if the residuals
-    show one: it is no misfit of the law."""
+def include_rise(
+    problem: Problem, best: Estimate, chances: dict[str, float]
+) -> tuple[Problem, Estimate, list[str], list[str]]:
+    """The problem, its estimate, and notes, with a rise of the force before contact in each press if the residuals
+    show one: it is no misfit of the law. The second notes are those of intervals that were widened."""
     if chances.get(RISE, 1.0) > RARE:
-        return problem, best, []
+        return problem, best, [], []
     risen = problem.with_changes(_with_rise(problem, best, True))
     if risen.count < LEAST_PER_UNKNOWN * len(risen.names):
-        return problem, best, []
+        return problem, best, [], []
     better = estimate(risen, begin=_begins(risen, best))
     sizes = [better.number(f"rise, {press.name}")[0] for press in risen.presses]
     if max(map(abs, sizes)) > 99.0 * MOST_RISE:  # at its limit: the begin of a law of this shape
-        return problem, best, []
+        return problem, best, [], []
     notes = [
         f"{press.name}: the force rises before contact, by {abs(size):.2g} % of the peak; an exponential rise was "
         "fitted with the parameters, which widens the intervals"
@@ -234,7 +236,7 @@ def include_rise(problem: Problem, best: Estimate, chances: dict[str, float]) ->
         for size in [better.number(f"rise, {press.name}")[0]]
         if press.rise
     ]
-    return risen, better, notes + _allow_for_contact(risen, better)
+    return risen, better, notes, _allow_for_contact(risen, better)
 
 
 def _allow_for_contact(risen: Problem, better: Estimate) -> list[str]:

@@ -166,14 +166,15 @@ def _widen(
     them where the law is invalid. Returns the problem, the estimate, the intervals without drift, what the data do not
     determine, and notes."""
     chances, without = checks.shape_chances(problem, best), problem
-    notes: list[str] = []
+    notes, touching = list[str](), list[str]()
     if drift == "curved":
-        problem, best, notes = checks.include_rise(problem, best, chances)
+        problem, best, notes, touching = checks.include_rise(problem, best, chances)
         chances = chances if problem is without else checks.shape_chances(problem, best)
     widen_by_scatter(problem, best)
     misfits, hidden = checks.widen(problem, best, chances)
-    notes += checks.baselines(problem, best) + misfits + checks.few_rows_with_gain(problem, best)
-    steady, more = checks.allow_for_drift(problem, best, drift, bool(misfits or hidden or len(problem.presses) > 1))
+    notes += touching + checks.baselines(problem, best) + misfits + checks.few_rows_with_gain(problem, best)
+    widened = bool(touching or misfits or hidden or len(problem.presses) > 1)
+    steady, more = checks.allow_for_drift(problem, best, drift, widened)
     notes += more
     if limited := _limited(problem.law, best):
         best.withhold()
