@@ -107,3 +107,14 @@ def test_a_press_that_is_no_contact_is_refused():
     rng = np.random.default_rng(1)
     with pytest.raises(SessionError, match="never touches"):
         prepare_press("p", None, np.linspace(0.0, 1e-3, 300), 1e-3 * rng.standard_normal(300))
+
+
+@pytest.mark.parametrize(("factor", "text"), [(0.7, "dissipates 30 %"), (1.0, "dissipates less than"), (1.3, "larger")])
+def test_an_unloading_above_the_loading_has_no_hysteresis(factor, text):
+    """A zero that drifts: the note said that hysteresis dissipates -30 % of the work."""
+    path = np.r_[np.linspace(-1e-3, 0.7e-3, 300), np.linspace(0.7e-3, -1e-3, 300)]
+    force = 4.0 / 3.0 / 0.75 * np.sqrt(8e-3) * 1e4 * np.maximum(path, 0.0) ** 1.5
+    force[300:] *= factor
+    fit = fit_tissue([prepare_press("press.csv", 0.01 * np.arange(600), path, force)], Rig("ball", 8e-3), "hertz")
+    (note,) = (note for note in fit.notes if "after the deepest" in note)
+    assert text in note and "-" not in note.partition("excluded")[2].replace("--relaxation", "")

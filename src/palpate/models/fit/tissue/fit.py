@@ -321,7 +321,9 @@ def _hysteresis(press: MeasuredPress, top: int) -> str:
     loop = work + float(np.trapezoid(press.force[top:], back))
     if loop > work:
         return "the force is negative while they unload (adhesion, or a zero that drifts), so the hysteresis is unknown"
-    if abs(loop) < ELASTIC * work:
+    if loop < -ELASTIC * work:
+        return "the force is larger while they unload (a zero that drifts), so the hysteresis is unknown"
+    if loop < ELASTIC * work:
         return f"loading and unloading agree, hysteresis dissipates less than {100 * ELASTIC:g} % of the work"
     return (f"hysteresis dissipates {100 * loop / work:.0f} % of the work, so the parameters are valid at this rate "
             "only")  # fmt: skip
