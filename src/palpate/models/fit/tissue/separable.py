@@ -127,12 +127,11 @@ class _Search:
         """(n, z) Derivatives of the residuals."""
         self.evaluate(z)
         x = self.whole(z)
-        columns = self.a * self.problem.law_slopes(x, self.forces, self.moves)[:, self.free]
+        columns = self.a * self.baselines.project(self.problem.law_slopes(x, self.forces, self.moves)[:, self.free])
         if self.problem.rises:
             sizes = x[self.last :].copy()
             sizes[~self.held] = self.baselines.sizes(self.measured - self.a * self.raw)
-            columns += self.problem.column_slopes(x, sizes)[:, self.free]
-        columns = self.baselines.project(columns)
+            columns += self.baselines.project(self.problem.column_slopes(x, sizes)[:, self.free])
         if self.scaled and self.square > 0.0:
             columns -= np.outer(self.g, (self.g @ columns) / self.square)
         return np.nan_to_num(columns, posinf=0.0, neginf=0.0)
