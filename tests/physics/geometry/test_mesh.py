@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from formulas import foot_row
 
+from palpate.physics.bodies.stretch import neighbours
+from palpate.physics.contact.spread import TABLES, spreader
 from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.kidney import kidney
-from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.physics.geometry.mesh import Mesh, once_per_mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
 from palpate.physics.geometry.nurbs_fit import sphere
 from palpate.physics.geometry.tessellate import tessellate
@@ -249,3 +251,39 @@ def test_borders_and_shared_edges_are_counted():
     assert edge_counts(CUBE.triangles[1:], 8) == (3, 0)
     fin = np.concatenate([CUBE.triangles, [[0, 1, 8]]])
     assert edge_counts(fin, 9) == (2, 1)
+
+
+def test_tables_of_a_mesh_are_computed_once_for_each_argument():
+    calls = []
+
+    @once_per_mesh
+    def table(mesh, size, shift=0.0):
+        calls.append((size, shift))
+        return size * len(mesh.vertices) + shift
+
+    one, other = plane(0.1, 100), plane(0.1, 400)
+    assert [table(one, 2), table(one, 2), table(one, 3), table(one, 2, shift=1.0), table(other, 2)] == [
+        200, 200, 300, 201.0, 800
+    ]  # fmt: skip
+    assert calls == [(2, 0.0), (3, 0.0), (2, 1.0), (2, 0.0)]
+    assert neighbours(one) is neighbours(one) and neighbours(one) is not neighbours(other)
+
+
+def test_a_spreader_that_starts_again_has_its_tables_and_separate_results():
+    mesh = plane(0.1, 400)
+    first, again, wider = spreader(mesh, 8e-3), spreader(mesh, 8e-3), spreader(mesh, 9e-3)
+    for name in TABLES:
+        assert getattr(first, name) is getattr(again, name) or name in ("radius", "kind")
+    assert first.near is not wider.near and first.forces is not again.forces
+    covered = spreader(mesh, 8e-3, share=np.linspace(0.0, 1.0, len(mesh.vertices)))
+    assert covered.near["area"].sum() == pytest.approx(0.5 * first.near["area"].sum(), rel=0.1)
+
+
+def test_neighbours_are_the_vertices_of_common_triangles():
+    edges = neighbours(CUBE)
+    for vertex in range(len(CUBE.vertices)):
+        with_it = CUBE.triangles[(CUBE.triangles == vertex).any(axis=1)]
+        mine = edges.others[edges.first[vertex] : edges.first[vertex + 1]]
+        assert mine.tolist() == sorted(set(with_it.ravel().tolist()) - {vertex})
+        lengths = np.linalg.norm(CUBE.vertices[mine] - CUBE.vertices[vertex], axis=1)
+        assert edges.spans[edges.first[vertex] : edges.first[vertex + 1]] == pytest.approx(lengths)

@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.arrays import Indices, Matrix
-from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh import Mesh, once_per_mesh
 
 EXCESS = 1e-9  # [1] Tolerance of the limit
 ROUNDS = 60  # Maximum number of updates of a length, on average
@@ -31,12 +31,14 @@ class Neighbours(NamedTuple):
     spans: Annotated[np.ndarray, "<f8", 1]  # [m] (E) length of that edge, > 0
 
 
+@once_per_mesh
 def neighbours(mesh: Mesh) -> Neighbours:
     """The neighbours of each vertex of a mesh, in ascending order."""
     size = len(mesh.vertices)
     edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]].astype(np.int64)
-    owner, others = np.divmod(np.unique(np.concatenate([edges[:, k] * size + edges[:, 1 - k] for k in (0, 1)])), size)
+    pairs = np.sort(np.concatenate([edges[:, k] * size + edges[:, 1 - k] for k in (0, 1)]))
+    owner, others = np.divmod(pairs[np.diff(pairs, prepend=-1) != 0], size)
     first = np.searchsorted(owner, np.arange(size + 1))
     spans = np.linalg.norm(mesh.vertices[owner] - mesh.vertices[others], axis=1)
     return Neighbours(first, others.astype(np.int32), np.maximum(spans, 1e-9))

@@ -32,7 +32,7 @@ triangle, so that a is at least that of the longest edge L, L/3^½.
 """
 
 import math
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike
 from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Vector3
-from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh import Mesh, once_per_mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
 
 KERNELS = ("biweight", "wendland", "cosine", "hertz")
@@ -168,19 +168,31 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight", share: np.ndar
         raise ValueError(f"kernel {kernel!r}: unknown. Kernels: {', '.join(KERNELS)}.")
     if not 0.0 < radius < math.inf:
         raise ValueError(f"radius {radius} m: expected a positive number")
+    tables = _tables(mesh, float(radius)) if share is None else _make_tables(mesh, float(radius), mesh.areas * share)
+    size = max(len(mesh.vertices), 3)
+    room = (np.zeros(size, np.int32), np.zeros(size), np.zeros((size, 3)))
+    return Spreader._make([float(radius), KERNELS.index(kernel), *tables, *room])
+
+
+@once_per_mesh
+def _tables(mesh: Mesh, radius: float) -> tuple[Any, ...]:
+    """The tables of a spreader of a surface whose whole area bears load."""
+    return _make_tables(mesh, radius, mesh.areas)
+
+
+def _make_tables(mesh: Mesh, radius: float, areas: np.ndarray) -> tuple[Any, ...]:
+    """The fields of a `Spreader` from `origin` to `box`; areas [m²] (V) that bear load."""
     origin, side, shape, first, order = cells(mesh.vertices, radius)
-    areas = mesh.areas if share is None else mesh.areas * share
     near = np.zeros(len(areas), NODES)
     near["position"], near["normal"], near["area"] = mesh.vertices[order], mesh.normals[order], areas[order]
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    margin, size = 20 * float(np.max(high - low)), max(len(near), 3)
+    margin = 20 * float(np.max(high - low))
     vertices, triangles, faces = map(np.ascontiguousarray, (mesh.vertices, mesh.triangles, mesh.face_vectors))
     edges = np.linalg.norm(np.diff(vertices[triangles[:, [0, 1, 2, 0]]], axis=1), axis=2)
     x, y, z = map(float, origin)
-    return Spreader(
-        float(radius), KERNELS.index(kernel), (x, y, z), float(side), float(edges.max(initial=0.0)),
-        shape, first, order, near, vertices, triangles, faces,
-        np.stack([low - margin, high + margin]), np.zeros(size, np.int32), np.zeros(size), np.zeros((size, 3)),
+    return (
+        (x, y, z), float(side), float(edges.max(initial=0.0)), shape, first, order, near, vertices, triangles, faces,
+        np.stack([low - margin, high + margin]),
     )  # fmt: skip
 
 

@@ -1,8 +1,10 @@
 """A triangle mesh with vertex normals and nodal areas; its height above points of the horizontal plane."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -13,6 +15,9 @@ from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.geometry.pieces import pieces
 from palpate.physics.geometry.refined.edge_list import edges_of
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -21,6 +26,11 @@ class Mesh:
     vertices: np.ndarray  # [m] (V,3) float64
     triangles: np.ndarray  # [1] (T,3) int32, indices of vertices
     facing: np.ndarray | None = None  # [1] (V,3) unit normals that are known better than by the triangles; else 0
+
+    @cached_property
+    def kept(self) -> dict[Any, Any]:
+        """Results of functions of this mesh, see `once_per_mesh`."""
+        return {}
 
     @cached_property
     def face_vectors(self) -> np.ndarray:
@@ -88,6 +98,21 @@ class Mesh:
         mean = 2.0 * np.abs(volume) / np.maximum(area, 1e-300)
         mean[holder[ends[count == 1]]] = np.inf
         return np.where(holder < 0, np.inf, mean[holder])
+
+
+def once_per_mesh(compute: Callable[Concatenate[Mesh, P], T]) -> Callable[Concatenate[Mesh, P], T]:
+    """Decorator: keep the results of a function of a mesh, and of further arguments that have a hash, as long as the
+    mesh exists. Nodes that start again with another stiffness need the same tables. Nothing may write in them."""
+
+    @wraps(compute)
+    def known(mesh: Mesh, *args: P.args, **named: P.kwargs) -> T:
+        key = (compute, args, tuple(named.items()))
+        if key not in mesh.kept:
+            mesh.kept[key] = compute(mesh, *args, **named)
+        found: T = mesh.kept[key]
+        return found
+
+    return known
 
 
 def plane(size: float, count: int) -> Mesh:
