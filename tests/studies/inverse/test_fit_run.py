@@ -11,10 +11,13 @@ from typer.testing import CliRunner
 import palpate
 from palpate.cli.__main__ import app
 from palpate.engine.faults import GraphError
+from palpate.gradients.parameters import find_parameter
+from palpate.launch.run.lane_values import LanePreparation
 from palpate.models.fit.sessions import SessionError
 from palpate.physics.errors import ArgumentError
 from palpate.records.stored import RecordingError
 from palpate.studies.inverse.fit import fit_run
+from palpate.studies.inverse.forward import Forward
 from palpate.studies.inverse.measured import read_recording
 from palpate.studies.inverse.motions import RECORDED, family, plan_touches
 from palpate.studies.inverse.opening import read_run
@@ -73,6 +76,33 @@ def test_without_noise_the_settings_are_exact(file):
     for name, value in TRUE.items():
         assert fit.estimate.values[name] == pytest.approx(value, rel=1e-5)
     assert max(fit.held_out.values()) < 1e-7
+
+
+def test_a_fit_costs_few_runs_and_a_start_none_if_it_is_the_only_one(file):
+    """Three starts, derivatives by central differences, and both ends of three profiles, which are 6 runs each."""
+    fit = fit_run([noisy(read(file), 5e-3)], list(TRUE))
+    assert 7 + 6 + 6 < fit.runs < 45
+    assert fit.estimate.starts == 1.0
+    alone = fit_run([noisy(read(file), 5e-3)], list(TRUE), starts=1)
+    assert alone.runs < fit.runs - 6
+    for name in TRUE:
+        assert alone.estimate.values[name] == pytest.approx(fit.estimate.values[name], rel=1e-4)
+
+
+@pytest.mark.parametrize("path", ["tissue.moduli[1]", "friction.mu_slide"])
+def test_a_graph_is_loaded_once_for_all_values_of_a_setting(file, path, monkeypatch):
+    measured = read(file, sets=["tissue.use=deformation.BeamBundle"])
+    graph = measured.launch.load()
+    numbers = [find_parameter(graph, each, graph.nodes) for each in ("tissue.moduli[0]", path)]
+    loaded, load = [], LanePreparation._load
+    monkeypatch.setattr(LanePreparation, "_load", lambda self, values: loaded.append(values) or load(self, values))
+    forward = Forward(measured, numbers)
+    values = np.array([each.value for each in numbers])
+    try:
+        made = forward(values * np.linspace(0.8, 1.2, 20)[:, None])
+    finally:
+        forward.close()
+    assert len(loaded) <= 6 and (np.diff(made[0][:, :, 0].max(axis=1)) > 5e-4).all()
 
 
 def test_correlated_noise_widens_the_interval(file):

@@ -1,8 +1,8 @@
 """Fits parameters of a graph to recordings, with intervals, and says which of them the motion does not determine."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.stats import t as student
@@ -12,16 +12,19 @@ from palpate.launch.load.checks.ideal import describe_jumps
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, LEVEL, Estimate, estimate
 from palpate.models.fit.tissue.residuals import inflation
 from palpate.physics.errors import ArgumentError
+from palpate.studies.inverse.descent import Point
 from palpate.studies.inverse.measured import Measured
 from palpate.studies.inverse.priors import read_priors
-from palpate.studies.inverse.problem import RunProblem
+from palpate.studies.inverse.problem import FAILED, RunProblem
+from palpate.studies.inverse.profiles import WIDEST, widen_to_profiles
 
 STARTS = 3
 LOOSE = 1e-3  # [m] Scale of the uncertain zero of a motion
-WIDEST = math.log(3.0)
-"""[1] Half of a 95 % interval, as a logarithm or in scales, above which a parameter is not determined."""
-ROUNDS = 6  # corrections of the end of a profile
-BENT, CLOSE = 0.1, 0.02  # [1] Errors of the distance: the linear model does not hold; the end is found
+ROUGH, LINEAR = 1e-3, 0.1
+"""[1] Decrease of the sum of squares, over it, by a further step, below which a search for the best minimum ends; error
+of the linear model of a minimum, over the change of the residuals, below which a point leads to this minimum."""
+FEW = 20  # runs from a start that is not the best one
+ALIKE = 1.05  # [1] Sum of squares over the least one up to which two minima count as one
 NO_EFFECT = 1e-9  # [1] Derivative over the peak of the fields, per scale of a parameter, below which it has none
 
 
@@ -70,23 +73,19 @@ def fit_run(
     known = read_priors(priors, parameters, measured[0].launch.load()) if priors else {}
     problem = RunProblem(measured, parameters, separate)
     try:
-        begins = problem.begins(starts)
-        found = []
-        for begin in begins:
-            found.append(problem.search(begin, loose=True))
-            report(0.6 / len(begins))
-        x, rough = min(found, key=lambda pair: pair[1])
-        agreeing = float(np.mean([cost <= 1.05 * rough + 1e-12 for _, cost in found]))
-        problem.weigh(x)
-        problem.believe(known, x)
-        begins = [x, problem.priors.middles(x)] if problem.priors else [x]
-        x = min((problem.search(begin, loose=False) for begin in begins), key=lambda pair: pair[1])[0]
+        found, agreeing = _search(problem, starts, report)
+        found = problem.believe(known, problem.weigh(found))
+        ends = [problem.settle(found)]
+        if problem.priors:
+            x = problem.priors.middles(found.x)
+            ends.append(problem.settle(Point(x, problem.residuals(x), found.slopes, False)))
+        best = problem.minimum = min(ends, key=lambda each: each.squares)
         report(0.2)
-        fitted = estimate(problem, profiles=False, begin=[x])
+        fitted = estimate(problem, profiles=False, begin=[best.x])
         fitted.starts = agreeing
-        slopes = problem.jacobian(x)
+        slopes = best.slopes[: problem.count]
         alone = problem.priors.combine(fitted, slopes) if problem.priors else []
-        _widen_to_profiles(problem, fitted, problem.with_priors(slopes, x))
+        widen_to_profiles(problem, fitted, best)
         report(0.15)
         open_ = _open(problem, fitted, slopes)
         rms = _rms(problem, fitted)
@@ -97,6 +96,34 @@ def fit_run(
         )  # fmt: skip
     finally:
         problem.close()
+
+
+def _search(problem: RunProblem, starts: int, report: Callable[[float], None]) -> tuple[Point, float]:
+    """The best minimum that the search reaches from several starts, roughly, and the share of the starts that do.
+
+    Further starts begin with the derivatives of the best minimum, and end where its linear model explains their
+    residuals: from there the search would reach it.
+    """
+    begins, search = problem.begins(starts), problem.descent
+    if (begins[0].r == FAILED).all():
+        raise ArgumentError(f"all runs of the starts of the search fail: {problem.forward[0].failure}")
+    best = search.run(search.renewed(begins[0]), ROUGH)
+    report(0.6 / len(begins))
+    ends = [best]
+    for begin in begins[1:]:
+        from_here = Point(begin.x, begin.r, best.slopes, False)
+        ends.append(search.run(from_here, ROUGH, partial(_leads_to, best), True, FEW))
+        best = min(best, ends[-1], key=lambda each: each.squares)
+        report(0.6 / len(begins))
+    return best, float(np.mean([_leads_to(best, end) for end in ends]))
+
+
+def _leads_to(best: Point, at: Point) -> bool:
+    """Whether residuals at a point are those of the linear model of a minimum."""
+    apart = at.r - best.r
+    rest = apart - best.slopes @ (at.x - best.x)
+    linear = float(rest @ rest) <= LINEAR**2 * float(apart @ apart)
+    return at.squares >= best.squares and (linear or at.squares <= ALIKE * best.squares)
 
 
 def find_parameters(measured: Measured, free: Sequence[str], scale: dict[str, float]) -> list[Parameter]:
@@ -118,54 +145,6 @@ def find_parameters(measured: Measured, free: Sequence[str], scale: dict[str, fl
     if jumps := describe_jumps(graph, running):
         raise ArgumentError(f"a fit needs results that do not jump: {jumps}")
     return [find_parameter(graph, path, running, scale.get(path)) for path in free]
-
-
-def _widen_to_profiles(problem: RunProblem, fitted: Estimate, slopes: np.ndarray) -> None:
-    """Widen the intervals to those of the profile likelihood, whose points are computed together.
-
-    The end of parameter i is where the least sum of squares over all others has risen as much as the linear model says
-    of its end. All ends move together: each round minimizes the others with the Jacobian at the minimum, or at the end
-    itself where the rise is not that of the linear model, and scales the distance by the square root of the rise.
-    """
-    x, size = fitted.at, len(fitted.at)
-    low, high = problem.bounds
-    least = float(np.sum(problem.residuals(x) ** 2))
-    quantile = float(student.ppf(0.5 + LEVEL / 2, fitted.effective[0] - size))
-    reach = (problem.priors.quantiles if problem.priors else quantile) * fitted.errors
-    unit = np.linalg.norm(slopes, axis=0)
-    unit[unit == 0.0] = 1.0
-    gram = np.linalg.pinv((slopes / unit).T @ (slopes / unit), rcond=1e-15) / np.outer(unit, unit)
-    rows = [(i, side) for i in range(size) for side in (-1.0, 1.0) if 0.0 < reach[i] < WIDEST * 2.0]
-    if not rows:
-        return
-    far = np.array([reach[i] for i, _ in rows])
-    at = np.array([x + side * reach[i] * gram[:, i] / gram[i, i] for i, side in rows])
-    bent = np.zeros(len(rows), bool)
-    for _ in range(ROUNDS):
-        at = np.clip(at, low, high)
-        r, shares = problem.all_residuals(at), np.ones(len(rows))
-        for k, (i, _) in enumerate(rows):
-            others = np.arange(size) != i
-            part = (problem.slopes_at(at[k]) if bent[k] else slopes)[:, others]
-            step = -np.linalg.lstsq(part, r[k], rcond=None)[0] if size > 1 else np.zeros(0)
-            rise = max(float(r[k] @ r[k]) + float((part.T @ r[k]) @ step) - least, 0.0)
-            at[k, others] += step
-            shares[k] = math.sqrt(rise * gram[i, i]) / reach[i]  # 1 for a linear model
-            factor = min(max(1.0 / shares[k] if shares[k] > 0.0 else 2.0, 0.5), 2.0)
-            move = at[k] - x
-            far[k] = abs(at[k, i] - x[i]) * factor
-            at[k] = x + move * factor
-        bent |= np.abs(shares - 1.0) > BENT
-        if (np.abs(shares - 1.0) < CLOSE).all():
-            break
-    for k, (i, side) in enumerate(rows):
-        p = problem.parameters[i]
-        end = p.value(min(max(x[i] + side * far[k], low[i]), high[i]))
-        interval = fitted.intervals[p.name]
-        ends = list(interval.profile)
-        ends[side > 0.0] = end
-        interval.profile = (ends[0], ends[1])
-        interval.low, interval.high = min(interval.low, end), max(interval.high, end)
 
 
 def _open(problem: RunProblem, fitted: Estimate, slopes: np.ndarray) -> dict[str, str]:

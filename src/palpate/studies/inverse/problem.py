@@ -1,23 +1,21 @@
 """Least squares of the fields of a graph in lanes: residuals and Jacobian of recordings over free parameters."""
 
 import math
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.stats import qmc
 
-from palpate.gradients.parameters import Parameter, put_all
-from palpate.launch.run.lane_runner import LaneKeep, LaneRunner
-from palpate.launch.run.lane_values import LanePreparation
-from palpate.launch.run.lanes import columns_of
-from palpate.launch.run.work.compiling import compiling
+from palpate.gradients.parameters import Parameter
 from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Problem
 from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.noise import step_of
 from palpate.models.fit.tissue.residuals import inflation
 from palpate.models.fit.tissue.rigs import Parameter as Unknown
 from palpate.physics.errors import ArgumentError
+from palpate.studies.inverse.descent import Descent, Point
+from palpate.studies.inverse.forward import Forward
 from palpate.studies.inverse.measured import Measured
 from palpate.studies.inverse.priors import Prior, Priors, check_range
 
@@ -27,46 +25,13 @@ STEP, FINE = 1e-4, 1e-3
 """[1] Steps of forward differences of the search, and of central ones at the minimum, in search coordinates."""
 ROUNDED = 1e-9  # [1] Noise that is added to each field, over its peak: less than the tolerance of an implicit step
 FAILED = 1e3  # weighted residual of a run that fails
-CANDIDATES, SPREAD = 12, math.log(4.0)
-"""Number of random starts that are evaluated, and how far they reach in search coordinates."""
-
-
-class Forward:
-    """The fields of one recording's run as functions of the parameters, in lanes that stay ready.
-
-    GraphError, ArgumentError: the run is refused.
-    """
-
-    def __init__(self, measured: Measured, parameters: Sequence[Parameter]) -> None:
-        self.measured, self.parameters = measured, list(parameters)
-        keep = [(each.rpartition(".")[0], each.rpartition(".")[2]) for each in measured.fields]
-        first = put_all(parameters, [each.value for each in parameters])
-        ends = {each.target: _probes(each) for each in parameters if not each.inside}
-        self._lanes = LanePreparation(measured.launch, keep, first, ends)
-        self.first, self._keep = self._lanes.first, LaneKeep(keep, measured.ticks)
-        self._runner = LaneRunner(self._keep)
-        self.count = 0
-        """Number of runs so far."""
-
-    def __call__(self, points: np.ndarray) -> list[np.ndarray]:
-        """For each field its values (points, rows, k) at these values of the parameters (points, parameters); NaN where
-        a run fails."""
-        count = len(points)
-        each = [put_all(self.parameters, row) for row in points.tolist()]
-        self._lanes.give(1, {target: [values[target] for values in each] for target in each[0]})
-        columns = columns_of(self.first, self._keep.fields, count, self._keep.rows)
-        with compiling(lambda number: None):
-            found = self._runner.run(lambda row: self._lanes(row + 1), columns)
-        for row in found.failures:
-            for column in columns:
-                column[row] = np.nan
-        self.count += count
-        rows = self.measured.rows
-        return [np.asarray(column[:, rows], float).reshape(count, len(rows), -1) for column in columns]
-
-    def close(self) -> None:
-        """Stop the nodes."""
-        self._runner.close()
+CANDIDATES, SPREAD = 3, math.log(4.0)
+"""Random points of which the best one is a start, and how far they reach in search coordinates."""
+EXACT, NEAR, SETTLE = 1e-6, 1e-4, 3
+"""[1] Decrease of the sum of squares, over it, by a further step at the minimum, and so near to it that the derivatives
+stay the same; rounds of the search for it."""
+SMALL = 0.1  # [1] Part of the peak of a field below which it counts by its size, above by its logarithm
+KEPT = 8  # points whose fields are kept
 
 
 class RunProblem(Problem):
@@ -100,7 +65,7 @@ class RunProblem(Problem):
                 flat = flat + ROUNDED * peak * np.random.default_rng(0).standard_normal(len(flat))
                 name, zero = f"{run.name} {path}", np.zeros(len(flat))
                 self.presses.append(MeasuredPress(name, None, zero, flat, 0.0, 0.0, 0.0, step=step_of(values[:, 0])))
-                self.weight.append(np.full(len(flat), 1.0 / peak))
+                self.weight.append(np.full(len(flat), 1.0 / (SMALL * peak)))
         self.baselines, self.free_touch, self.relative = [], False, False
         self.count = sum(len(press.force) for press in self.presses)
         if self.count < LEAST_PER_UNKNOWN * len(unknowns):
@@ -108,28 +73,41 @@ class RunProblem(Problem):
                 f"found {self.count} values for {len(unknowns)} settings, expected at least "
                 f"{LEAST_PER_UNKNOWN * len(unknowns)}: a longer recording, or a later --until"
             )
-        self._at: tuple[bytes, list[np.ndarray]] | None = None
+        self._fields = OrderedDict[bytes, list[np.ndarray]]()  # of the last points, unweighted
+        self.compressed = True
+        """Whether residuals are those of asinh(field / (`SMALL` peak)), before `weigh`. They change in proportion to
+        the logarithm of a setting by which the field is multiplied, so that few steps lead from far to the minimum."""
+        self.minimum: Point | None = None
+        """With derivatives by central differences."""
         self.priors: Priors | None = None
         """Whose rows follow those of the fields."""
 
-    def believe(self, known: Mapping[str, Prior], x: np.ndarray) -> None:
-        """Add the priors of parameters by path, with the residuals at x. ArgumentError: they do not fit."""
+    def believe(self, known: Mapping[str, Prior], at: Point) -> Point:
+        """Add the priors of parameters by path. Returns the point with their rows. ArgumentError: they do not fit."""
         if not known:
-            return
+            return at
         each: list[Prior | None] = [None] * len(self.parameters)
         for places in self.places:
             for number, place in zip(self.numbers, places, strict=True):
                 each[place] = known.get(number.path)
         check_range(self.parameters, {k: prior for k, prior in enumerate(each) if prior is not None})
-        parts = [(f - p.force) * w for f, p, w in zip(self.law_forces(x), self.presses, self.weight, strict=True)]
-        variance = float(np.mean(np.concatenate(parts) ** 2))
-        self.priors = Priors(self.parameters, each, math.sqrt(variance * inflation(parts, len(x))))
+        parts = np.split(at.r, np.cumsum([len(each) for each in self.weight])[:-1])
+        variance = float(np.mean(at.r**2))
+        self.priors = Priors(self.parameters, each, math.sqrt(variance * inflation(parts, len(at.x))))
+        return Point(at.x, self.residuals(at.x), self.with_priors(at.slopes, at.x), at.fresh)
 
-    def weigh(self, x: np.ndarray) -> None:
-        """Weigh each field by its noise, the RMS of its residuals at x, instead of its peak."""
-        for k, (force, press) in enumerate(zip(self.law_forces(x), self.presses, strict=True)):
+    def weigh(self, at: Point) -> Point:
+        """Weigh the residuals of each field by their RMS at a point from now on. Returns the point with these
+        residuals."""
+        steepness = []
+        for k, (force, press) in enumerate(zip(self.law_forces(at.x), self.presses, strict=True)):
             rms, peak = (float(np.sqrt(np.mean(each**2))) for each in (force - press.force, press.force))
-            self.weight[k] = np.full(len(press.force), 1.0 / max(rms, ROUNDED * peak, 1e-300))
+            size = 1.0 / max(rms, ROUNDED * peak, 1e-300)
+            steepness.append(size * np.hypot(force, 1.0 / self.weight[k]))  # of the residuals over the compressed ones
+            self.weight[k] = np.full(len(press.force), size)
+        self.compressed = False
+        slopes = at.slopes * np.nan_to_num(np.concatenate(steepness))[:, None]
+        return Point(at.x, self.residuals(at.x), slopes, at.fresh)
 
     def touches(self, x: np.ndarray) -> list[float]:
         return [0.0] * len(self.presses)
@@ -142,8 +120,8 @@ class RunProblem(Problem):
         return []
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        found = super().residuals(x)
-        return found if self.priors is None else np.concatenate([found, self.priors.residuals(x)])
+        """Weighted residuals (values) of the fields, then of the priors."""
+        return self._with_rows(self._weighted([force[None] for force in self.law_forces(x)]), x[None])[0]
 
     def points(self, k: int, several: np.ndarray) -> np.ndarray:
         """The values of the parameters of a recording at these unknowns (n, unknowns)."""
@@ -159,46 +137,68 @@ class RunProblem(Problem):
         return found
 
     def law_forces(self, x: np.ndarray) -> list[np.ndarray]:
-        if self._at is None or self._at[0] != x.tobytes():
-            self._at = x.tobytes(), [each[0] for each in self.many(x[None])]
-        return self._at[1]
+        key = x.tobytes()
+        if key not in self._fields:
+            self._fields[key] = [each[0] for each in self.many(x[None])]
+            if len(self._fields) > KEPT:
+                self._fields.popitem(last=False)
+        return self._fields[key]
 
     def all_residuals(self, several: np.ndarray) -> np.ndarray:
         """Weighted residuals (n, values) at these unknowns."""
-        parts = [(f - p.force) * w for f, p, w in zip(self.many(several), self.presses, self.weight, strict=True)]
-        found = np.nan_to_num(np.concatenate(parts, axis=1), nan=FAILED)
+        return self._with_rows(self._weighted(self.many(several)), several)
+
+    def _weighted(self, fields: Sequence[np.ndarray]) -> np.ndarray:
+        """Weighted residuals (n, values) of fields (n, values each); NaN where a run has failed."""
+        pairs = [(f * w, p.force * w) for f, p, w in zip(fields, self.presses, self.weight, strict=True)]
+        if self.compressed:
+            pairs = [(np.arcsinh(each), np.arcsinh(measured)) for each, measured in pairs]
+        return np.concatenate([each - measured for each, measured in pairs], axis=1)
+
+    def _with_rows(self, weighted: np.ndarray, several: np.ndarray) -> np.ndarray:
+        """Residuals without NaN, with those of the priors at these unknowns (n, unknowns)."""
+        found = np.nan_to_num(weighted, nan=FAILED)
         if self.priors is None:
             return found
         return np.concatenate([found, [self.priors.residuals(x) for x in several]], axis=1)
 
     def law_slopes(self, x: np.ndarray, here: Sequence[np.ndarray], free: np.ndarray) -> np.ndarray:
-        """(values, unknowns) Derivatives by central differences, one-sided at a limit."""
-        return self._slopes(x, here, FINE, both=True)
+        """(values, unknowns) Derivatives by central differences, one-sided at a limit; at the minimum those that are
+        known."""
+        if self.minimum is not None and np.array_equal(self.minimum.x, x):
+            return self.minimum.slopes[: self.count]
+        return self._slopes(x, self._weighted([force[None] for force in here])[0], free, FINE, both=True)
 
-    def _slopes(self, x: np.ndarray, here: Sequence[np.ndarray], step: float, both: bool) -> np.ndarray:
+    def slopes_at(self, x: np.ndarray, r: np.ndarray, free: np.ndarray | None = None) -> np.ndarray:
+        """(values, unknowns) Derivatives of the residuals, which are r at x, by forward differences; 0 by unknowns that
+        are not `free`."""
+        free = np.ones(len(x), bool) if free is None else free
+        return self.with_priors(self._slopes(x, r[: self.count], free, STEP, both=False), x)
+
+    def _slopes(self, x: np.ndarray, r: np.ndarray, free: np.ndarray, step: float, both: bool) -> np.ndarray:
         low, high = self.bounds
         moves = []
-        for i in range(len(x)):
+        for i in np.flatnonzero(free):
             up, down = bool(x[i] + step <= high[i]), bool(x[i] - step >= low[i])
             moves += [(i, 1.0)] * (up or not down) + [(i, -1.0)] * (down and (both or not up))
         rows = np.array([x + sign * step * np.eye(len(x))[i] for i, sign in moves])
-        base = np.concatenate([f * w for f, w in zip(here, self.weight, strict=True)])
-        moved = np.concatenate([f * w for f, w in zip(self.many(rows), self.weight, strict=True)], axis=1)
+        moved = self._weighted(self.many(rows))
         slopes = np.zeros((self.count, len(x)))
-        for i in range(len(x)):
+        for i in np.flatnonzero(free):
             mine = [number for number, (place, _) in enumerate(moves) if place == i]
-            each = [(moved[number] - base) / (moves[number][1] * step) for number in mine]
-            slopes[:, i] = np.mean(each, axis=0)
+            slopes[:, i] = np.mean([(moved[number] - r) / (moves[number][1] * step) for number in mine], axis=0)
         return np.nan_to_num(slopes)
 
-    def begins(self, count: int) -> list[np.ndarray]:
-        """The start, and the best of random points around it."""
-        begin, (low, high) = self.start(), self.bounds
-        drawn = 2.0 * qmc.LatinHypercube(len(begin), rng=np.random.default_rng(0)).random(CANDIDATES) - 1.0
+    def begins(self, count: int) -> list[Point]:
+        """The start, and the best of random points around it, without derivatives, in the order of their squares."""
+        begin, (low, high), more = self.start(), self.bounds, CANDIDATES * (count - 1)
+        drawn = 2.0 * qmc.LatinHypercube(len(begin), rng=np.random.default_rng(0)).random(more) - 1.0
         wide = np.where([p.log for p in self.parameters], SPREAD, 0.3 * REACH * self._scales())
-        several = np.clip(begin + drawn * wide, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
-        order = np.argsort(np.sum(self.all_residuals(several) ** 2, axis=1))
-        return [begin, *several[order[: count - 1]]]
+        several = np.clip([begin, *(begin + drawn * wide)], low + 1e-6 * (high - low), high - 1e-6 * (high - low))
+        none = np.zeros((0, len(begin)))
+        found = [Point(x, r, none) for x, r in zip(several, self.all_residuals(several), strict=True)]
+        kept = [found[0], *sorted(found[1:], key=lambda each: each.squares)[: count - 1]]
+        return sorted(kept, key=lambda each: each.squares)
 
     def _scales(self) -> np.ndarray:
         """Scale of each unknown that is not searched as a logarithm, else 1."""
@@ -208,20 +208,27 @@ class RunProblem(Problem):
                 found[place] = 1.0 if self.parameters[place].log else number.scale
         return found
 
-    def search(self, x: np.ndarray, loose: bool) -> tuple[np.ndarray, float]:
-        """The minimum that the trust region reaches from x, and its sum of squares."""
-        low, high = self.bounds
-        inside = np.clip(x, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
-        limit = 1e-3 if loose else 1e-10
-        found = least_squares(
-            self.residuals, inside, jac=self.slopes_at, bounds=(low, high), x_scale=self._scales(),
-            method="trf", ftol=limit, xtol=limit, gtol=1e-12, max_nfev=12 if loose else 40,
-        )  # fmt: skip
-        return found.x, 2.0 * float(found.cost)
+    @property
+    def descent(self) -> Descent:
+        """The search with the present weights and priors."""
+        return Descent(self.residuals, self.slopes_at, *self.bounds, self._scales())
 
-    def slopes_at(self, x: np.ndarray) -> np.ndarray:
-        """(values, unknowns) Derivatives of the residuals by forward differences."""
-        return self.with_priors(self._slopes(x, self.law_forces(x), STEP, both=False), x)
+    def settle(self, at: Point) -> Point:
+        """The minimum near a point, with derivatives by central differences."""
+        search, free = self.descent, np.ones(len(at.x), bool)
+        for _ in range(SETTLE):
+            at = search.run(at, EXACT)
+            at = Point(at.x, at.r, self.with_priors(self.law_slopes(at.x, self.law_forces(at.x), free), at.x))
+            step, predicted = search.step(at)
+            if predicted <= EXACT * at.squares:
+                break
+            x = at.x + step
+            r = self.residuals(x)
+            if r @ r < at.squares:
+                at = Point(x, r, at.slopes)
+                if predicted <= NEAR * at.squares:
+                    break
+        return at
 
     def with_priors(self, slopes: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Derivatives of the weighted fields with those of the priors."""
@@ -229,7 +236,7 @@ class RunProblem(Problem):
 
     def solve(self, x: np.ndarray, fixed: int = -1) -> tuple[np.ndarray, float]:
         """The point itself: `estimate` takes the minimum that is known, and the fields without priors."""
-        return x, float(np.sum(super().residuals(x) ** 2))
+        return x, float(np.sum(self.residuals(x)[: self.count] ** 2))
 
     def close(self) -> None:
         """Stop the nodes of all recordings."""
@@ -251,9 +258,3 @@ def _unknown(number: Parameter, owner: str) -> Unknown:
         low, high = (number.value + side * REACH * number.scale for side in (-1.0, 1.0))
         low, high = max(low, number.low), min(high, number.high)
     return Unknown(f"{number.path}{owner}", number.unit, number.value, low, high, _is_log(number))
-
-
-def _probes(number: Parameter) -> tuple[float, ...]:
-    """Two values of a parameter, from which the settings that it reaches are found."""
-    up = min(number.value + 0.01 * number.scale, number.high)
-    return tuple({up, max(number.value - 0.01 * number.scale, number.low)} - {number.value})

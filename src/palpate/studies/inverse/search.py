@@ -18,9 +18,9 @@ from palpate.gradients.parameters import find_parameter
 from palpate.launch.load.arguments import describe_run
 from palpate.physics.scratch import ScratchFolder
 from palpate.studies.inverse.fit import fit_run
+from palpate.studies.inverse.forward import Forward
 from palpate.studies.inverse.measured import Measured, driven
 from palpate.studies.inverse.motions import Motion
-from palpate.studies.inverse.problem import Forward
 from palpate.studies.kept import adding_lines, kept_lines
 
 BODIES = {
