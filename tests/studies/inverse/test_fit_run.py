@@ -84,7 +84,7 @@ def test_a_fit_costs_few_runs_and_a_start_none_if_it_is_the_only_one(file):
     assert 7 + 6 + 6 < fit.runs < 45
     assert fit.estimate.starts == 1.0
     alone = fit_run([noisy(read(file), 5e-3)], list(TRUE), starts=1)
-    assert alone.runs < fit.runs - 6
+    assert alone.runs <= fit.runs - 6  # no random points
     for name in TRUE:
         assert alone.estimate.values[name] == pytest.approx(fit.estimate.values[name], rel=1e-4)
 

@@ -80,14 +80,14 @@ class Descent:
                 continue
             new, left = self._moved(at, step), left - 1
             if new.squares > at.squares - POOR * predicted:
-                more, _ = self.step(Point(new.x, new.r, at.slopes), size)
+                more, _ = self.step(new, size)
                 if float(np.abs(more / self.scales).max()) < BENT * float(np.abs(step / self.scales).max()):
-                    bent, left = self._moved(Point(new.x, new.r, at.slopes), more), left - 1
+                    bent, left = self._moved(new, more), left - 1
                     new = min(new, bent, key=lambda each: each.squares)
             ratio, length = (at.squares - new.squares) / predicted, float(np.abs((new.x - at.x) / self.scales).max())
             known = at.fresh
             if ratio < POOR:  # where B is old it may be wrong instead of the size
-                size = (0.25 if ratio < 0.0 else 0.5 if known else 1.0) * length
+                size = (1.0 if not known else 0.25 if ratio < 0.0 else 0.5) * length
             elif ratio > GOOD and length > 0.99 * size:
                 size *= 2.0
             if ratio > 0.0:

@@ -20,10 +20,10 @@ from palpate.studies.inverse.profiles import WIDEST, widen_to_profiles
 
 STARTS = 3
 LOOSE = 1e-3  # [m] Scale of the uncertain zero of a motion
-ROUGH, LINEAR = 1e-3, 0.1
+ROUGH, LINEAR = 1e-2, 0.25
 """[1] Decrease of the sum of squares, over it, by a further step, below which a search for the best minimum ends; error
 of the linear model of a minimum, over the change of the residuals, below which a point leads to this minimum."""
-FEW = 20  # runs from a start that is not the best one
+FEW = 12  # runs from a start that is not the best one
 ALIKE = 1.05  # [1] Sum of squares over the least one up to which two minima count as one
 NO_EFFECT = 1e-9  # [1] Derivative over the peak of the fields, per scale of a parameter, below which it has none
 
@@ -74,7 +74,8 @@ def fit_run(
     problem = RunProblem(measured, parameters, separate)
     try:
         found, agreeing = _search(problem, starts, report)
-        found = problem.believe(known, problem.weigh(found))
+        nearer = problem.weigh(found)
+        found = problem.believe(known, problem.weigh(problem.descent.run(nearer, ROUGH)))
         ends = [problem.settle(found)]
         if problem.priors:
             x = problem.priors.middles(found.x)

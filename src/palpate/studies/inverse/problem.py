@@ -103,7 +103,8 @@ class RunProblem(Problem):
         for k, (force, press) in enumerate(zip(self.law_forces(at.x), self.presses, strict=True)):
             rms, peak = (float(np.sqrt(np.mean(each**2))) for each in (force - press.force, press.force))
             size = 1.0 / max(rms, ROUNDED * peak, 1e-300)
-            steepness.append(size * np.hypot(force, 1.0 / self.weight[k]))  # of the residuals over the compressed ones
+            # derivatives of the fields over those of the present residuals
+            steepness.append(size * np.hypot(force * self.compressed, 1.0 / self.weight[k]))
             self.weight[k] = np.full(len(press.force), size)
         self.compressed = False
         slopes = at.slopes * np.nan_to_num(np.concatenate(steepness))[:, None]
