@@ -11,16 +11,20 @@ from typer.testing import CliRunner
 import palpate
 from palpate.cli.__main__ import app
 from palpate.engine.faults import GraphError
+from palpate.engine.slot import NodeError
 from palpate.gradients.parameters import find_parameter
+from palpate.launch.run.lane_runner import _Rows
 from palpate.launch.run.lane_values import LanePreparation
 from palpate.models.fit.sessions import SessionError
 from palpate.physics.errors import ArgumentError
 from palpate.records.stored import RecordingError
-from palpate.studies.inverse.fit import fit_run
+from palpate.studies.inverse.descent import Point
+from palpate.studies.inverse.fit import find_parameters, fit_run
 from palpate.studies.inverse.forward import Forward
 from palpate.studies.inverse.measured import read_recording
 from palpate.studies.inverse.motions import RECORDED, family, plan_touches
 from palpate.studies.inverse.opening import read_run
+from palpate.studies.inverse.problem import RunProblem
 from palpate.studies.inverse.report import launches
 
 TRUE = {"tissue.stiffness": 180.0, "tissue.retardation": 0.035, "friction.mu_slide": 0.6}
@@ -76,6 +80,36 @@ def test_without_noise_the_settings_are_exact(file):
     for name, value in TRUE.items():
         assert fit.estimate.values[name] == pytest.approx(value, rel=1e-5)
     assert max(fit.held_out.values()) < 1e-7
+
+
+def test_derivatives_follow_the_residuals_when_fields_get_weights(file):
+    """From compressed fields to weighted ones, and to those of other weights, as differences of these residuals."""
+    measured = noisy(read(file), 5e-3)
+    problem = RunProblem([measured], find_parameters(measured, list(TRUE), {}))
+    try:
+        x = problem.start()
+        r = problem.residuals(x)
+        at = Point(x, r, problem.slopes_at(x, r))
+        for _ in range(2):
+            at = problem.weigh(at)
+            for field in np.split(at.r, np.cumsum([len(press.force) for press in problem.presses])[:-1]):
+                assert np.mean(field**2) == pytest.approx(1.0)
+            known = problem.slopes_at(x, at.r)
+            assert np.abs(at.slopes - known).max() < 1e-3 * np.abs(known).max()
+            problem.weight[0] = 3.0 * problem.weight[0]  # as if the noise were another one
+            at = Point(x, problem.residuals(x), problem.slopes_at(x, problem.residuals(x)))
+    finally:
+        problem.close()
+
+
+def test_a_fit_whose_runs_all_fail_is_refused_with_the_reason(file, monkeypatch):
+    def fail(self, seat, row):
+        self._fail(row, 0, NodeError("tissue", "start", ValueError("no such tissue")))
+        return []
+
+    monkeypatch.setattr(_Rows, "_begin", fail)
+    with pytest.raises(ArgumentError, match=r"all runs of the starts of the search fail: .*tissue.*no such tissue"):
+        fit_run([read(file)], ["tissue.stiffness"])
 
 
 def test_a_fit_costs_few_runs_and_a_start_none_if_it_is_the_only_one(file):
