@@ -76,8 +76,8 @@ def numbers(path: str, value) -> Iterator[str]:
             yield from numbers(f"{path}.{key}", float(each) if isinstance(each, int) else each)
 
 
-def settings_of(graph, name: str, sets: list[str], running: set[str]) -> list[str]:
-    """Paths of the settings with a derivative on both sides of their value; of those that describe one thing, one."""
+def settings_of(graph, running: set[str]) -> list[str]:
+    """Paths of the numbers in settings of nodes that run; of those that describe one thing, one."""
     paths, taken = [], set()
     for node in sorted(running & set(graph.nodes)):
         for setting, value in graph.nodes[node].settings.items():
@@ -86,6 +86,11 @@ def settings_of(graph, name: str, sets: list[str], running: set[str]) -> list[st
                 continue
             taken |= {setting} if mark else set()
             paths += numbers(f"{node}.{setting}", value)
+    return paths
+
+
+def varying(graph, name: str, sets: list[str], running: set[str], paths: list[str]) -> list[Parameter]:
+    """Those of the settings with a derivative on both sides of their value."""
     found = []
     for path in paths:
         try:
@@ -93,22 +98,36 @@ def settings_of(graph, name: str, sets: list[str], running: set[str]) -> list[st
             if one.side(1.1 * STEPS[0] * one.scale, one.value) == 0:
                 moved = json.dumps(one.put(one.value + 1e-3 * one.scale))
                 load(name, overrides=[*sets, f"{one.target}={moved}"])
-                found.append(path)
+                found.append(one)
         except (ArgumentError, GraphError):  # 0 without a scale, frozen by a basis, or tied to another setting
             continue
     return found
 
 
+def columns_of(found: list[Parameter], moves: list[tuple[Parameter, float]]) -> dict[str, list]:
+    """By target its value in each lane; a lane moves one of the parameters by a part of its scale."""
+    columns: dict[str, list] = {one.target: [] for one in found}
+    for one, step in moves:
+        moved = put_all([one], [one.value + step * one.scale])
+        for target, column in columns.items():
+            column.append(moved.get(target, next(o.container for o in found if o.target == target)))
+    return columns
+
+
+def felt(name: str, fields: list[str], sets: list[str], duration: float, found: list[Parameter]) -> list[Parameter]:
+    """The parameters of which a change by the largest step changes a force; without this lane for each, most lanes of
+    the derivatives would be of settings without effect."""
+    if not found:
+        return []
+    moves = [(found[0], 0.0), *((one, STEPS[0]) for one in found)]
+    result = palpate.Ensemble(name, len(moves), columns_of(found, moves), fields, sets=sets, duration=duration)
+    made = [values.values for values in map(result.run(quiet=True).__getitem__, fields)]
+    return [one for k, one in enumerate(found, 1) if any((each[k] != each[0]).any() for each in made)]
+
+
 def limits(name: str, fields: list[str], sets: list[str], duration: float, found: list[Parameter]):
     """By field, Richardson's limits (settings, time, ...) of separate runs, and their errors."""
-    columns: dict[str, list] = {}
-    for one in found:
-        columns.setdefault(one.target, [])
-    for one in found:
-        for step in np.outer(STEPS, (1.0, -1.0)).ravel():
-            moved = put_all([one], [one.value + step * one.scale])
-            for target, column in columns.items():
-                column.append(moved.get(target, next(o.container for o in found if o.target == target)))
+    columns = columns_of(found, [(one, step) for one in found for step in np.outer(STEPS, (1.0, -1.0)).ravel()])
     lanes = 2 * len(STEPS) * len(found)
     result = palpate.Ensemble(name, lanes, columns, fields, sets=sets, duration=duration).run(quiet=True)
     made = {}
@@ -130,8 +149,8 @@ def richardson(slopes, noise):
     return (256.0 * second - first) / 255.0, maximum_filter1d(np.abs(second - first), NEAR, axis=1) + noise
 
 
-def check(name: str, given) -> tuple[list[Outcome], int, int]:
-    """Of the settings with an effect; number of candidates, and of those without. PalpateError: impossible."""
+def check(name: str, given) -> tuple[list[Outcome], int]:
+    """Of the settings with an effect; number of the settings that were tried. PalpateError: impossible."""
     graph = load(name)
     sets = ["scene.hand.ideal=true"] if "hand" in graph.scene else []
     fields = forces_of(graph)
@@ -140,26 +159,26 @@ def check(name: str, given) -> tuple[list[Outcome], int, int]:
     touch = palpate.Ensemble(name, 1, {}, fields, sets=sets, duration=given.duration)
     running = {node.name for node in touch._prepared[0].job.nodes}
     graph = load(name, overrides=sets)
-    paths = settings_of(graph, name, sets, running)
+    paths = settings_of(graph, running)
     random.Random(given.seed).shuffle(paths)
-    outcomes, idle, tried = [], 0, 0
-    while tried < len(paths) and len(outcomes) < given.settings:
-        batch = paths[tried : tried + given.settings]
-        tried += len(batch)
-        derived = touch.gradient(batch, quiet=True).isel(lane=0)
-        known = limits(name, fields, sets, given.duration, [find_parameter(graph, path, running) for path in batch])
-        for k, path in enumerate(batch):
-            scale = find_parameter(graph, path, running).scale
-            each = [compare(derived, known[field], field, k, scale) for field in fields]
-            each = [one for one in each if one is not None]
+    outcomes, candidates, drawn = [], 0, 0
+    while drawn < len(paths) and len(outcomes) < given.settings:
+        batch = varying(graph, name, sets, running, paths[drawn : drawn + given.settings])
+        drawn, candidates = drawn + given.settings, candidates + len(batch)
+        found = felt(name, fields, sets, given.duration, batch)
+        if not found:
+            continue
+        derived = touch.gradient([one.path for one in found], quiet=True).isel(lane=0)
+        known = limits(name, fields, sets, given.duration, found)
+        for k, one in enumerate(found):
+            each = [compare(derived, known[field], field, k, one.scale) for field in fields]
+            each = [result for result in each if result is not None]
             if each and len(outcomes) < given.settings:
-                deviations = [one[0] for one in each if not np.isnan(one[0])]
-                reasons = [one[2] for one in each if one[2]]
-                outcomes.append(
-                    Outcome(path, max(deviations, default=np.nan), float(np.mean([one[1] for one in each])), reasons)
-                )
-            idle += not each
-    return outcomes, tried, idle
+                deviations = [result[0] for result in each if not np.isnan(result[0])]
+                reasons = [result[2] for result in each if result[2]]
+                settled = float(np.mean([result[1] for result in each]))
+                outcomes.append(Outcome(one.path, max(deviations, default=np.nan), settled, reasons))
+    return outcomes, candidates
 
 
 def compare(derived, known, field: str, k: int, scale: float):
@@ -170,7 +189,7 @@ def compare(derived, known, field: str, k: int, scale: float):
     size = float(np.sqrt(np.mean(limit[np.isfinite(limit)] ** 2)))
     settled = np.isfinite(derivative)
     unlike = np.abs(derivative - limit) - doubt
-    if size < 10.0 * FLOOR * force / scale:
+    if size <= 10.0 * FLOOR * force / scale:  # equal: an organ that is not touched
         wrong = (unlike - error)[settled].max(initial=0.0) > FLOOR * force / scale
         return (np.inf, settled.mean(), "has an effect") if wrong else None
     sure = settled & (doubt < GOAL * size)
@@ -191,7 +210,7 @@ def main() -> None:
     compared, above = 0, 0
     for name in given.graphs:
         try:
-            outcomes, tried, idle = check(name, given)
+            outcomes, tried = check(name, given)
         except PalpateError as error:
             print(f"{name}: left out: {' '.join(str(error).split())[:110]}", flush=True)
             continue
@@ -207,7 +226,7 @@ def main() -> None:
         share = f"{100 * np.mean([each.settled for each in outcomes]):.1f} %" if outcomes else "none"
         unknown = ", ".join(each.path for each in outcomes if np.isnan(each.deviation))
         print(
-            f"{name}: {tried} candidates, {idle} without effect, {len(outcomes)} with one, {len(known)} compared; "
+            f"{name}: {tried} candidates, {len(outcomes)} with an effect, {len(known)} compared; "
             f"{sum(not each.reasons for each in outcomes)} settle at all times, {share} of all times; worst {shown}; "
             f"not compared {unknown or 'none'}; NaN at some times: {why or 'none'}",
             flush=True,
