@@ -23,6 +23,8 @@ LOOSE = 1e-3  # [m] Scale of the uncertain zero of a motion
 ROUGH, LINEAR = 1e-2, 0.25
 """[1] Decrease of the sum of squares, over it, by a further step, below which a search for the best minimum ends; error
 of the linear model of a minimum, over the change of the residuals, below which a point leads to this minimum."""
+CLOSER, SAME, WEIGHED = 1e-3, 0.02, 4
+"""[1] The same decrease while the weights of the fields are found; their change below which they are; rounds."""
 FEW = 12  # runs from a start that is not the best one
 ALIKE = 1.05  # [1] Sum of squares over the least one up to which two minima count as one
 NO_EFFECT = 1e-9  # [1] Derivative over the peak of the fields, per scale of a parameter, below which it has none
@@ -74,8 +76,7 @@ def fit_run(
     problem = RunProblem(measured, parameters, separate)
     try:
         found, agreeing = _search(problem, starts, report)
-        nearer = problem.weigh(found)
-        found = problem.believe(known, problem.weigh(problem.descent.run(nearer, ROUGH)))
+        found = problem.believe(known, _weigh(problem, found))
         ends = [problem.settle(found)]
         if problem.priors:
             x = problem.priors.middles(found.x)
@@ -117,6 +118,17 @@ def _search(problem: RunProblem, starts: int, report: Callable[[float], None]) -
         best = min(best, ends[-1], key=lambda each: each.squares)
         report(0.6 / len(begins))
     return best, float(np.mean([_leads_to(best, end) for end in ends]))
+
+
+def _weigh(problem: RunProblem, found: Point) -> Point:
+    """A point nearer to the minimum with the weights that its residuals give to the fields."""
+    found = problem.weigh(found)
+    for _ in range(WEIGHED):
+        before = [weight[0] for weight in problem.weight]
+        found = problem.weigh(problem.descent.run(found, CLOSER))
+        if all(abs(weight[0] / old - 1.0) < SAME for weight, old in zip(problem.weight, before, strict=True)):
+            break
+    return found
 
 
 def _leads_to(best: Point, at: Point) -> bool:
