@@ -165,7 +165,7 @@ def _placed_mesh(
     return place_mesh(mesh, position, rotation)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)  # two files, each as it is and refined
 def _file_mesh(surface: str, file_unit: str, piece: int, refine: float, content: bytes) -> tuple[Mesh, float, int]:
     """The mesh of a file where its numbers put it, and what `refinement` returns; stored, if it is refined."""
     _check_name(surface)
@@ -174,14 +174,15 @@ def _file_mesh(surface: str, file_unit: str, piece: int, refine: float, content:
     except UnitError as error:
         raise SettingError(f"setting 'file_unit': {error}") from None
 
-    def given() -> Mesh:
+    if refine == 0.0 or not content:
         from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
 
-        return read_mesh(surface, scale, piece)
-
-    if refine == 0.0 or not content:
-        mesh = given()
+        mesh = read_mesh(surface, scale, piece)
         return mesh, 0.0, len(mesh.vertices)
+
+    def given() -> Mesh:
+        return _file_mesh(surface, file_unit, piece, 0.0, content)[0]
+
     inputs = inputs_of(surface, content, scale, piece, refine)
     arrays = stored("refined", inputs, lambda: _refined(given(), refine), f"{Path(surface).name}, smooth surface")
     moved, before = arrays["change"].tolist()

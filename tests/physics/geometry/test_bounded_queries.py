@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.physics.geometry.felt.hollow import Hollow
-from palpate.physics.geometry.felt.touchable import SLACK, divide_long_edges, hides, untouchable
+from palpate.physics.geometry.felt.in_ball import SLACK
+from palpate.physics.geometry.felt.touchable import divide_long_edges, hides, untouchable
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.studies.organs.shapes import boxes, star

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.compiler.exact import product
 from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
 from palpate.physics.arrays import Array, Indices, Matrix, Record
+from palpate.physics.geometry.corners import boxes_of, stars, weld
+from palpate.physics.geometry.morton import morton_order
 
 LEAF = 4
 PART, WHOLE = 64, 2048  # A node of at least WHOLE leaves is bounded by the discs of its parts of PART leaves
@@ -64,9 +65,8 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray, facing: np.ndarray 
     triangles = weld(vertices)[triangles]
     keep = np.flatnonzero(~_superfluous(triangles, *stars(triangles, len(vertices))))
     triangles = triangles[keep]
-    corners = vertices[triangles]
-    centre = (corners.min(axis=1) + corners.max(axis=1)) / 2
-    order = np.argsort(morton(centre, centre.min(axis=0), max(np.ptp(centre, axis=0).max(), 1e-300)), kind="stable")
+    low, high = boxes_of(vertices, triangles)
+    order = morton_order((low + high) / 2)
     triangles = np.ascontiguousarray(triangles[order])
     star_at, star = stars(triangles, len(vertices))
     cells = np.zeros(len(triangles), CELLS)
@@ -81,23 +81,6 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray, facing: np.ndarray 
     discs = np.zeros(2 * leaves, DISCS)
     _discs(vertices, triangles, leaves, np.zeros(2 * leaves, element_type(MOMENTS)), discs)
     return MeshTables(points, cells, discs, star_at, star)
-
-
-def weld(vertices: np.ndarray) -> np.ndarray:
-    """Index (V,) int32 of the vertex that represents all vertices at exactly the same position."""
-    key = product(vertices, np.array([1.0, np.sqrt(2.0), np.sqrt(3.0)]))
-    order = np.argsort(key, kind="stable")
-    inside = vertices[order]
-    new = np.concatenate([[True], (inside[1:] != inside[:-1]).any(axis=1)])
-    representative = np.empty(len(vertices), dtype=np.int32)
-    representative[order] = order[new][np.cumsum(new) - 1]
-    return representative
-
-
-def stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The triangles round each of `count` vertices: index (V+1) where the list of each begins, and the lists (3T)."""
-    at = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=count))])
-    return at, (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
 
 
 @kernel
@@ -127,15 +110,6 @@ def _superfluous(triangles: Indices, at: Indices, star: Indices):
             ):
                 superfluous[t] = True
     return superfluous
-
-
-def morton(centre: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
-    """Morton codes: interleaved bits of the coordinates, 21 of each."""
-    places = (np.minimum((centre - low) / size, 1.0) * 2097151.0).astype(np.int64)
-    codes = np.zeros(len(centre), np.int64)
-    for bit, i in np.ndindex(21, 3):
-        codes |= (places[:, i] >> bit & 1) << 3 * bit + i
-    return codes
 
 
 @kernel

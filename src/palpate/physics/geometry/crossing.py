@@ -11,7 +11,9 @@ import numpy as np
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.errors import MeshError
-from palpate.physics.geometry.bvh import LEAF, morton
+from palpate.physics.geometry.bvh import LEAF
+from palpate.physics.geometry.corners import boxes_of
+from palpate.physics.geometry.morton import morton_order
 from palpate.physics.geometry.pieces import pieces
 
 MOST = 1_500_000_000
@@ -82,10 +84,11 @@ def _search(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.nda
     points -= middle  # far from the origin, rounding of the coordinates would exceed the tolerance of `_side`
     corner = points[triangles]
     near = PLANE * float(np.ptp(corner.reshape(-1, 3), axis=0).max()) if len(corner) else 0.0
-    low, high = corner.min(axis=1) - near, corner.max(axis=1) + near
+    low, high = boxes_of(points, triangles)
+    low, high = low - near, high + near
     label = pieces(triangles, len(points))
     centre = 0.5 * (low + high)
-    order = np.argsort(morton(centre, centre.min(axis=0), max(np.ptp(centre, axis=0).max(), 1e-300)), kind="stable")
+    order = morton_order(centre)
     boxes = np.ascontiguousarray(np.concatenate([low, -high], axis=1)[order])
     leaves = 1 << (-(-len(triangles) // LEAF) - 1).bit_length()
     at = np.zeros(3)
@@ -126,33 +129,38 @@ def _crossing(
     label      (T,)  piece of each triangle; two of one piece may not overlap in a plane
     near [m]   see `PLANE`
 
-    The tests of a triangle begin at its leaf and continue at the right-hand neighbours of the nodes above it, so that
-    each pair is tested once.
+    The triangles of a leaf share the search for the leaves near it. It begins at this leaf and continues at the
+    right-hand neighbours of the nodes above it, so that each pair is tested once.
     """
     count, leaves, tests = len(triangles), len(tree) // 2, 0
-    stack = np.empty(128, np.int64)
+    stack, near_leaf = np.empty(128, np.int64), np.empty(len(tree) // 2, np.int64)
     for leaf in range(leaves, 2 * leaves):
-        for i in range((leaf - leaves) * count // leaves, (leaf - leaves + 1) * count // leaves):
-            stack[0], size = leaf, 1
-            above = leaf
-            while above > 1:
-                if above % 2 == 0 and _meet(tree[above + 1], boxes[i]):
-                    stack[size] = above + 1
-                    size += 1
-                above //= 2
+        stack[0], size, found = leaf, 1, 0
+        above, box = leaf, tree[leaf]
+        while above > 1:
+            if above % 2 == 0 and _meet(tree[above + 1], box):
+                stack[size] = above + 1
+                size += 1
+            above //= 2
+            tests += 1
+        while size > 0:
+            size -= 1
+            node = stack[size]
+            if node >= leaves:
+                near_leaf[found] = node - leaves
+                found += 1
+                continue
+            for child in range(2 * node, 2 * node + 2):
                 tests += 1
-            while size > 0:
-                size -= 1
-                node = stack[size]
-                if node < leaves:
-                    for child in range(2 * node, 2 * node + 2):
-                        tests += 1
-                        if _meet(tree[child], boxes[i]):
-                            stack[size] = child
-                            size += 1
+                if _meet(tree[child], box):
+                    stack[size] = child
+                    size += 1
+        for i in range((leaf - leaves) * count // leaves, (leaf - leaves + 1) * count // leaves):
+            for other in near_leaf[:found]:
+                tests += 1
+                if not _meet(tree[leaves + other], boxes[i]):
                     continue
-                first = (node - leaves) * count // leaves
-                for j in range(max(first, i + 1), (node - leaves + 1) * count // leaves):
+                for j in range(max(other * count // leaves, i + 1), (other + 1) * count // leaves):
                     tests += 1
                     if _meet(boxes[j], boxes[i]) and (
                         _through(points, triangles[i], triangles[j], at)

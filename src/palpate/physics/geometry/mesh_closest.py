@@ -12,9 +12,10 @@ from palpate.compiler.fields import blank_record
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
 from palpate.physics.arrays import Indices, Matrix, Record
-from palpate.physics.geometry.bvh import MeshTables, mesh_tables, morton
+from palpate.physics.geometry.bvh import MeshTables, mesh_tables
 from palpate.physics.geometry.closest import FAR
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.morton import morton_order
 from palpate.physics.geometry.pseudonormal import EDGE, FACE, VERTEX, foot_of, normal_at, signed_distance
 from palpate.physics.geometry.search.foot import FOOT, find_feet
 
@@ -53,8 +54,7 @@ class MeshClosestPoint:
     def farthest(self, points: np.ndarray) -> float:
         """Largest distance [m] of points (n,3) from the mesh, in less time than by `find`: no search is needed where
         the descent from the last foot ends nearer than an earlier point was."""
-        low, size = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-300)
-        ordered = np.ascontiguousarray(points[np.argsort(morton(points, low, size), kind="stable")], dtype=float)
+        ordered = np.ascontiguousarray(points[morton_order(points)], dtype=float)
         return float(_farthest(*self.tables.arrays, ordered, np.zeros(STACK, dtype=np.int64)))
 
     def beyond(self, points: np.ndarray, distance: float) -> np.ndarray:

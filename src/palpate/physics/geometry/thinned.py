@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Indices, Matrix
-from palpate.physics.geometry.bvh import stars
+from palpate.physics.geometry.corners import stars
 from palpate.physics.geometry.mesh import Mesh
 
 REGION = 8.0  # [1] Side of the cells in which the density is measured, over h

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.physics.errors import MeshError
-from palpate.physics.geometry.bvh import weld
+from palpate.physics.geometry.corners import weld
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, rounded
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points

@@ -13,7 +13,8 @@ import numpy as np
 
 from palpate.compiler.exact import einsum
 from palpate.physics.geometry.felt.band import Grid
-from palpate.physics.geometry.felt.touchable import SLACK, divide_long_edges
+from palpate.physics.geometry.felt.in_ball import SLACK
+from palpate.physics.geometry.felt.touchable import divide_long_edges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.refined.divided import divide_triangles

@@ -31,7 +31,7 @@ import numpy as np
 
 from palpate.compiler.exact import arctan2, einsum
 from palpate.physics.geometry.felt.hollow import nearest_points
-from palpate.physics.geometry.felt.touchable import SLACK
+from palpate.physics.geometry.felt.in_ball import SLACK
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.refined.divided import divide_triangles
 from palpate.physics.geometry.refined.edge_list import edges_of

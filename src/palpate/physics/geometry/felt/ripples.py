@@ -18,7 +18,8 @@ cut of any width face each other, and are as deep as the ball.
 
 import numpy as np
 
-from palpate.physics.geometry.felt.touchable import SLACK, hides
+from palpate.physics.geometry.felt.in_ball import SLACK
+from palpate.physics.geometry.felt.touchable import hides
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.pieces import pieces

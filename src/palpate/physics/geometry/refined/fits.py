@@ -57,25 +57,8 @@ def fit_cubic(
     free   whether c_00 is fitted; else the surface goes through the vertex
     places (n,3), left (1,n,n) and right (1,n,1) are workspaces
     """
-    one, two = fit.one, fit.two
-    x_axis = abs(along[0]) < 0.6
-    _cross(along, (1.0, 0.0, 0.0) if x_axis else (0.0, 1.0, 0.0), one)
-    length = max(np.sqrt(one[0] * one[0] + one[1] * one[1] + one[2] * one[2]), 1e-300)
-    for i in range(3):
-        one[i] /= length
-    _cross(along, one, two)
-    square = count = 0.0
-    away = np.empty(3)
-    for k in range(size):
-        for i in range(3):
-            away[i] = points[found[k], i] - points[vertex, i]
-        x, y = row_times(away, one), row_times(away, two)
-        places[k, 0], places[k, 1], places[k, 2] = x, y, row_times(away, along)
-        square += x * x + y * y
-        count += 1.0
-    number = max(count, 1.0)
-    wide = max(np.sqrt(square / number), 1e-300)
-    fit.wide, fit.number = wide, number
+    fill_places(points, along, vertex, found, size, fit, places)
+    wide, number = fit.wide, fit.number
     # by the moments of x and y up to the sixth
     terms = TERMS + 1 if free else TERMS
     skipped = 0 if free else 1
@@ -108,6 +91,30 @@ def fit_cubic(
         fit.terms[i] = right[0, i, 0]
     fit.noise = noise / max(total, 1e-300) * (number / max(number - terms, 1.0))
     return True
+
+
+@ieee_kernel
+def fill_places(points: Matrix, along: Vector3, vertex: int, found: Indices, size: int, fit: Record, places: Matrix):
+    """Fill in the axes, the width and the number of neighbours of a fit, and their places [m] (n,3) along the axes."""
+    one, two = fit.one, fit.two
+    x_axis = abs(along[0]) < 0.6
+    _cross(along, (1.0, 0.0, 0.0) if x_axis else (0.0, 1.0, 0.0), one)
+    length = max(np.sqrt(one[0] * one[0] + one[1] * one[1] + one[2] * one[2]), 1e-300)
+    for i in range(3):
+        one[i] /= length
+    _cross(along, one, two)
+    square = count = 0.0
+    away = np.empty(3)
+    for k in range(size):
+        for i in range(3):
+            away[i] = points[found[k], i] - points[vertex, i]
+        x, y = row_times(away, one), row_times(away, two)
+        places[k, 0], places[k, 1], places[k, 2] = x, y, row_times(away, along)
+        square += x * x + y * y
+        count += 1.0
+    number = max(count, 1.0)
+    wide = max(np.sqrt(square / number), 1e-300)
+    fit.wide, fit.number = wide, number
 
 
 @kernel

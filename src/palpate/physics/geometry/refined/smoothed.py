@@ -18,7 +18,7 @@ from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.arrays import Indices, Matrix, Record
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.refined.edge_list import neighbours_of
-from palpate.physics.geometry.refined.fits import FIT, TERMS, fit_cubic, within_edges
+from palpate.physics.geometry.refined.fits import FIT, TERMS, fill_places, fit_cubic, within_edges
 
 SAMPLE = 500  # vertices that decide whether a mesh scatters
 ENOUGH = 0.1  # [1] share of them with a residual above `LEAST`
@@ -37,7 +37,7 @@ def smooth_vertices(mesh: Mesh, sharp: np.ndarray, corner: np.ndarray) -> Mesh:
     near, breaks = neighbours_of(mesh.triangles, len(mesh.vertices)), np.zeros(len(mesh.vertices), bool)
     breaks[sharp] = breaks[corner] = True
     some = np.unique(np.linspace(0, len(breaks) - 1, SAMPLE).astype(np.int64))
-    narrow, wider, smooth = _fits(mesh, near, breaks, some)
+    narrow, wider, smooth = _fits(mesh, near, breaks, some, 0.0)
     residual = np.sqrt(narrow["noise"])
     rough = smooth & (residual > LEAST)
     if rough.sum() < ENOUGH * len(some):
@@ -46,28 +46,29 @@ def smooth_vertices(mesh: Mesh, sharp: np.ndarray, corner: np.ndarray) -> Mesh:
     usual = float(np.median(residual[rough]))
     if usual > MOST or np.median(growth[rough]) > GROWS:
         return mesh
-    narrow, wider, smooth = _fits(mesh, near, breaks, np.arange(len(breaks)))
+    narrow, wider, smooth = _fits(mesh, near, breaks, np.arange(len(breaks)), usual)
     most = LIMIT * np.maximum(np.sqrt(narrow["noise"]), usual) * narrow["wide"]
     offset = np.where(smooth, np.clip(wider["terms"][:, 0] * wider["wide"], -most, most), 0.0)
     return Mesh(mesh.vertices + offset[:, None] * mesh.normals, mesh.triangles)
 
 
 def _fits(
-    mesh: Mesh, near: tuple[np.ndarray, np.ndarray], breaks: np.ndarray, some: np.ndarray
+    mesh: Mesh, near: tuple[np.ndarray, np.ndarray], breaks: np.ndarray, some: np.ndarray, usual: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The fits (`FIT`) within two edges and three to the vertices `some` (k), and whether the surface is smooth there;
-    zero where it is not."""
+    zero where it is not. Of the narrower fit only the width is known where the vertex is within `LIMIT` times the
+    `usual` residual of the wider fit [1], so that its residual does not matter."""
     fits, smooth, count = np.zeros((2, len(some)), FIT), np.zeros(len(some), bool), len(breaks)
     scratch = np.full(count, -1), np.empty(count, np.int64), np.empty((count, 3))
     equations = np.empty((1, TERMS + 1, TERMS + 1)), np.empty((1, TERMS + 1, 1))
-    _fill(mesh.vertices, mesh.normals, *near, breaks, some, fits, smooth, *scratch, *equations)
+    _fill(mesh.vertices, mesh.normals, *near, breaks, some, usual, fits, smooth, *scratch, *equations)
     return fits[0], fits[1], smooth
 
 
 @ieee_kernel
 def _fill(
-    points: Matrix, normals: Matrix, at: Indices, near: Indices, breaks: Indices, some: Indices, fits: Record,
-    smooth: Indices, seen: Indices, found: Indices, places: Matrix, left: Matrix, right: Matrix,
+    points: Matrix, normals: Matrix, at: Indices, near: Indices, breaks: Indices, some: Indices, usual: float,
+    fits: Record, smooth: Indices, seen: Indices, found: Indices, places: Matrix, left: Matrix, right: Matrix,
 ):  # fmt: skip
     """Fill the results of `_fits`; workspaces last."""
     for k, v in enumerate(some):
@@ -77,5 +78,7 @@ def _fill(
             smooth[k] = smooth[k] and not breaks[found[n]]
         if smooth[k]:
             smooth[k] = fit_cubic(points, normals[v], v, found, size, NEAR, True, fits[1, k], places, left, right)
-            size = within_edges(at, near, v, 2, True, found, seen)
-            fit_cubic(points, normals[v], v, found, size, NEAR, True, fits[0, k], places, left, right)
+            size, narrow = within_edges(at, near, v, 2, True, found, seen), fits[0, k]
+            fill_places(points, normals[v], v, found, size, narrow, places)
+            if abs(fits[1, k].terms[0] * fits[1, k].wide) > LIMIT * usual * narrow.wide:
+                fit_cubic(points, normals[v], v, found, size, NEAR, True, narrow, places, left, right)
