@@ -47,9 +47,17 @@ class MeshClosestPoint:
         return self._find(points, False)
 
     def find_along(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """As `find`, 4 times as fast for points of which each is near the one before. Of equally near places the result
-        is the one next to that of the point before."""
-        return self._find(points, True)
+        """As `find`, 3 times as fast: along a Morton curve, each search begins at the result of the point before. Of
+        equally near places the result is the one next to that."""
+        flat = np.reshape(points, (-1, 3))
+        order = morton_order(flat)
+        found = self._find(flat[order], True)
+        back = np.empty(len(order), np.int64)
+        back[order] = np.arange(len(order))
+        foot, normal, triangle, distance = (
+            each[back].reshape(*np.shape(points)[:-1], *each.shape[1:]) for each in found
+        )
+        return foot, normal, triangle, distance
 
     def farthest(self, points: np.ndarray) -> float:
         """Largest distance [m] of points (n,3) from the mesh, in less time than by `find`: no search is needed where
@@ -60,10 +68,11 @@ class MeshClosestPoint:
     def beyond(self, points: np.ndarray, distance: float) -> np.ndarray:
         """Whether each of the points [m] (n,3) is farther than the distance [m] from the mesh, in less time than by
         `find`: (n,)."""
-        found = np.empty(len(points), bool)
-        points = np.ascontiguousarray(points, dtype=float)
-        _farther(*self.tables.arrays, points, distance * distance, np.zeros(STACK, dtype=np.int64), found)
-        return found
+        beyond, order = np.empty(len(points), bool), morton_order(points)
+        found, ordered = np.empty(len(points), bool), np.ascontiguousarray(points[order], dtype=float)
+        _farther(*self.tables.arrays, ordered, distance * distance, np.zeros(STACK, dtype=np.int64), found)
+        beyond[order] = found
+        return beyond
 
     def _find(self, points: np.ndarray, along: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         tables, scratch = self.tables.arrays, self.scratch()[:2]
@@ -269,29 +278,31 @@ def _search(
 ):
     """The nearest triangle by depth-first search, or `best` if none is nearer than its squared distance `least`."""
     count, leaves = len(cells), len(discs) // 2
-    depth = 1
-    work[1] = 1
-    while depth > 0:
-        node = work[depth]
-        depth -= 1
-        if _disc(discs[node], p0, p1, p2) >= least:
-            continue
-        if node >= leaves:
+    depth, node = 0, 1
+    if _disc(discs[1], p0, p1, p2) >= least:
+        return best
+    while True:
+        if node < leaves:
+            left, right = _disc(discs[2 * node], p0, p1, p2), _disc(discs[2 * node + 1], p0, p1, p2)
+            if min(left, right) < least:
+                node = 2 * node if left <= right else 2 * node + 1
+                if max(left, right) < least:
+                    work[depth] = node ^ 1
+                    depth += 1
+                continue
+        else:
             leaf = node - leaves
             for t in range(leaf * count // leaves, (leaf + 1) * count // leaves):
                 f, _, _, _ = _on_triangle(points, cells, t, p0, p1, p2)
                 if f < least:
                     least, best = f, t
-            continue
-        left, right = _disc(discs[2 * node], p0, p1, p2), _disc(discs[2 * node + 1], p0, p1, p2)
-        near = 2 * node if left <= right else 2 * node + 1
-        if max(left, right) < least:
-            depth += 1
-            work[depth] = 4 * node + 1 - near
-        if min(left, right) < least:
-            depth += 1
-            work[depth] = near
-    return best
+        node = 0
+        while depth > 0 and node == 0:
+            depth -= 1
+            if _disc(discs[work[depth]], p0, p1, p2) < least:
+                node = work[depth]
+        if node == 0:
+            return best
 
 
 @kernel

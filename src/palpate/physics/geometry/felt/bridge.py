@@ -126,8 +126,12 @@ def _plug(
     points, triangles = divide_creases(
         partial(nearest_points, centres), points, feet, triangles, good, radius, step, EDGE
     )
-    plug, _ = divide_long_edges(Mesh(points, np.ascontiguousarray(triangles, np.int32)), FACET * radius)
-    return Mesh(rounded(_settle(plug.vertices, centres, hollow, radius)[0]), plug.triangles), centres
+    level = np.ones(len(points), bool)  # where the plug ends inside the body, its edges may stay long
+    level[: len(good)] = good
+    plug, _ = divide_long_edges(Mesh(points, np.ascontiguousarray(triangles, np.int32)), FACET * radius, level)
+    some = np.flatnonzero(np.concatenate([level, np.ones(len(plug.vertices) - len(level), bool)]))
+    plug.vertices[some] = _settle(plug.vertices[some], centres, hollow, radius)[0]
+    return Mesh(rounded(plug.vertices), plug.triangles), centres
 
 
 def _settle(

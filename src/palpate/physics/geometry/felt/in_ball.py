@@ -127,13 +127,13 @@ def vertices_near(around: Matrix, count: int, ball: Record, radius: float, some:
 
 @kernel
 def nearest_at(
-    points: Record, cells: Record, star_at: Indices, star: Indices, ball: Record, radius: float, near: Indices,
-    number: int, tested: Indices,
+    points: Record, cells: Record, star_at: Indices, star: Indices, ball: Record, radius: float, enough: float,
+    near: Indices, number: int, tested: Indices,
 ):  # fmt: skip
     """`nearest_below` of the triangles at these vertices. Those already tested have the number of the ball in `tested`
     (T)."""
     p0, p1, p2 = vector(ball.centre)
-    best, least, enough = -1, radius * radius, (radius - SLACK) ** 2
+    best, least = -1, radius * radius
     for v in near:
         for k in range(star_at[v], star_at[v + 1]):
             t = star[k]
@@ -151,17 +151,25 @@ def nearest_at(
 
 @kernel
 def nearest_below(
-    points: Record, cells: Record, discs: Record, ball: Record, radius: float, near: Indices, work: Indices
+    points: Record,
+    cells: Record,
+    discs: Record,
+    ball: Record,
+    radius: float,
+    enough: float,
+    near: Indices,
+    work: Indices,
 ):
     """A triangle in a ball, above the tangent plane on which it lies, and its squared distance [m²] from the centre;
-    -1: none. The nearest one, or any that is nearer than `SLACK` allows. near  (n,) nodes of the tree to be searched.
+    -1: none. The nearest one, or any whose squared distance is below `enough`.
+    near  (n,) nodes of the tree to be searched.
 
     All that is below the plane is outside the ball: on a smooth convex surface that is all of the neighbourhood.
     """
     p0, p1, p2 = vector(ball.centre)
     n0, n1, n2 = vector(ball.normal)
     count, leaves = len(cells), len(discs) // 2
-    best, least, enough = -1, radius * radius, (radius - SLACK) ** 2
+    best, least = -1, radius * radius
     for top in near:
         work[0] = top
         depth = 1

@@ -271,6 +271,8 @@ def unfolded(
     stayed at once would fold its neighbours, and these theirs."""
     stages = np.stack([*moves, *(points + share * (moves[-1] - points) for share in LESS), points])
     last = len(stages) - 1
+    changed = ((stages != points).any(axis=0) | (turned != normals)).any(axis=1)
+    triangles = triangles[changed[triangles].any(axis=1)]  # no other one can fold
     stage, kept, each = np.zeros(len(points), np.int64), np.zeros(len(points), bool), np.arange(len(points))
     for both in (False, True):  # first the points alone, since the normals of what stays are those of its surroundings
         for _ in range(UNFOLDED):

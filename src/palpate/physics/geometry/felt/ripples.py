@@ -34,7 +34,7 @@ def without_ripples(fine: Mesh, hidden: np.ndarray, body: MeshClosestPoint, give
     vector = fine.face_vectors[some]
     normal = vector / np.linalg.norm(vector, axis=1)[:, None]
     middle = fine.vertices[fine.triangles[some]].mean(axis=1)
-    hollow = body.find_along(middle + (radius + SHALLOW) * normal)[3] < radius - SLACK
+    hollow = hides(body, middle, normal, radius + SHALLOW, SHALLOW + SLACK)
     deep = np.flatnonzero(hollow)
     if len(deep):
         hollow[deep] = _hidden_before(middle[deep], given, radius)

@@ -37,12 +37,18 @@ BALLS = element_type({"centre": (3,), "middle": (3,), "normal": (3,), "hidden": 
 SHORT = 1 / 3  # [1] of the radius: longest edge of a triangle whose middle represents it
 
 
-def divide_long_edges(mesh: Mesh, longest: float) -> tuple[Mesh, np.ndarray]:
-    """The same flat triangles with edges of at most `longest` [m], and for each the triangle of `mesh` (T,)."""
+def divide_long_edges(mesh: Mesh, longest: float, within: np.ndarray | None = None) -> tuple[Mesh, np.ndarray]:
+    """The same flat triangles with edges of at most `longest` [m], and for each the triangle of `mesh` (T,).
+
+    within  (V,) vertices between which edges are divided; None: all
+    """
     points, triangles, origin = mesh.vertices, mesh.triangles.astype(np.int64), np.arange(len(mesh.triangles))
     while True:
         ends, of, _ = edges_of(triangles, len(points))
         long = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1) > longest
+        if within is not None:
+            long &= within[ends].all(axis=1)
+            within = np.concatenate([within, np.ones(int(long.sum()), bool)])
         if not long.any():
             return Mesh(points, np.ascontiguousarray(triangles, np.int32)), origin
         number = np.full(len(ends), -1)
@@ -63,9 +69,11 @@ def untouchable(mesh: Mesh, closest: MeshClosestPoint, radius: float) -> np.ndar
     return hidden
 
 
-def hides(closest: MeshClosestPoint, points: np.ndarray, normals: np.ndarray, radius: float) -> np.ndarray:
+def hides(
+    closest: MeshClosestPoint, points: np.ndarray, normals: np.ndarray, radius: float, slack: float = SLACK
+) -> np.ndarray:
     """Whether a part of a body is inside the ball of the radius [m] that touches it at each point [m] (n,3) with this
-    unit normal (n,3): (n,)."""
+    unit normal (n,3), by more than `slack` [m], or the centre of the ball is inside the body: (n,)."""
     hidden = np.zeros(len(points), bool)
     if not len(points):
         return hidden
@@ -78,8 +86,8 @@ def hides(closest: MeshClosestPoint, points: np.ndarray, normals: np.ndarray, ra
     margin = np.zeros(count)
     fill_margins(tables.points, tables.cells, margin)
     closed = closest.mesh.closed  # a sheet has no inside
-    _fill(*tables.arrays, balls, radius, closed, nodes, np.empty(STACK, np.int64), blank_record(FOOT),
-          np.full(count, -1), np.empty((4, count)), np.empty((2, count + 1), np.int64),
+    _fill(*tables.arrays, balls, radius, (radius - slack) ** 2, closed, nodes, np.empty(STACK, np.int64),
+          blank_record(FOOT), np.full(count, -1), np.empty((4, count)), np.empty((2, count + 1), np.int64),
           np.full(len(tables.cells), -1), margin)  # fmt: skip
     hidden[order] = balls["hidden"] > 0
     return hidden
@@ -88,16 +96,17 @@ def hides(closest: MeshClosestPoint, points: np.ndarray, normals: np.ndarray, ra
 @kernel
 def _fill(
     points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, balls: Record, radius: float,
-    closed: bool, nodes: Indices, work: Indices, foot: Record, seen: Indices, around: Matrix, some: Indices,
-    tested: Indices, margin: Array,
+    enough: float, closed: bool, nodes: Indices, work: Indices, foot: Record, seen: Indices, around: Matrix,
+    some: Indices, tested: Indices, margin: Array,
 ):  # fmt: skip
     """Fill in whether each ball is hidden. First the triangle is tested that hid the ball before. Neighbouring balls
     share the search down to `LEVELS` above the leaves, and the vertices below. On a convex surface none of these is
     above their tangent planes. Elsewhere, the triangles at those are tested that are near the ball (`vertices_near`).
 
+    enough [m²]  squared distance from a centre within which a part hides it
     seen (V), around (4,V), some (2,V+1), tested (T)  workspaces, seen and tested of -1;  margin (V)  of `fill_margins`
     """
-    last, enough = -1, (radius - SLACK) ** 2
+    last = -1
     for begin in range(0, len(balls), TOGETHER):
         group, size, close, few = balls[begin : begin + TOGETHER], -1, 0, False
         for number in range(len(group)):
@@ -120,9 +129,11 @@ def _fill(
             if few:
                 count = vertices_near(around, close, ball, radius, some)
                 near = some[1, :count]
-                best, least = nearest_at(points, cells, star_at, star, ball, radius, near, begin + number, tested)
+                best, least = nearest_at(
+                    points, cells, star_at, star, ball, radius, enough, near, begin + number, tested
+                )
             else:
-                best, least = nearest_below(points, cells, discs, ball, radius, nodes[:size], work)
+                best, least = nearest_below(points, cells, discs, ball, radius, enough, nodes[:size], work)
             last = -1
             if best >= 0:
                 p0, p1, p2 = vector(ball.centre)
