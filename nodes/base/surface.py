@@ -200,7 +200,7 @@ def _refined(coarse: Mesh, refine: float) -> dict[str, np.ndarray]:
     before, as arrays."""
     mesh, moved = refine_mesh(coarse, refine, MOST_REFINED), 0.0
     if not np.array_equal(mesh.vertices, coarse.vertices):
-        moved = MeshClosestPoint(coarse).farthest(mesh.vertices)
+        moved = MeshClosestPoint(coarse).farthest(mesh.vertices)[0]
     return {**arrays_of_mesh(mesh), "change": np.array([moved, len(coarse.vertices)])}
 
 

@@ -37,13 +37,15 @@ def many(kind, seed=0):
 def test_the_farthest_of_points_and_those_beyond_a_distance(make, order):
     closest, points = MeshClosestPoint(make()), many(order)
     away = np.abs(closest.find(points)[3])
-    assert closest.farthest(points) == pytest.approx(away.max(), rel=1e-12)
+    farthest, which = closest.farthest(points)
+    assert farthest == pytest.approx(away.max(), rel=1e-12) and which == away.argmax()
     inside = points[away < 0.01]
-    assert closest.farthest(inside) == pytest.approx(away[away < 0.01].max(), rel=1e-12)
+    farthest, which = closest.farthest(inside)
+    assert farthest == pytest.approx(away[away < 0.01].max(), rel=1e-12) and which == away[away < 0.01].argmax()
     for distance in (0.0, 1e-4, 3e-3, 0.02, 0.2):
         np.testing.assert_array_equal(closest.beyond(points, distance), away > distance)
     on = closest.find(points)[0]
-    assert closest.farthest(on) < 1e-15 and not closest.beyond(on, 1e-9).any()
+    assert closest.farthest(on)[0] < 1e-15 and not closest.beyond(on, 1e-9).any()
 
 
 def test_points_near_triangles_that_a_ball_cannot_touch():

@@ -59,11 +59,13 @@ class MeshClosestPoint:
         )
         return foot, normal, triangle, distance
 
-    def farthest(self, points: np.ndarray) -> float:
-        """Largest distance [m] of points (n,3) from the mesh, in less time than by `find`: no search is needed where
-        the descent from the last foot ends nearer than an earlier point was."""
-        ordered = np.ascontiguousarray(points[morton_order(points)], dtype=float)
-        return float(_farthest(*self.tables.arrays, ordered, np.zeros(STACK, dtype=np.int64)))
+    def farthest(self, points: np.ndarray) -> tuple[float, int]:
+        """Largest distance [m] of points (n,3) from the mesh, and the index of that point, in less time than by `find`:
+        no search is needed where the descent from the last foot ends nearer than an earlier point was."""
+        order = morton_order(points)
+        ordered = np.ascontiguousarray(points[order], dtype=float)
+        distance, at = _farthest(*self.tables.arrays, ordered, np.zeros(STACK, dtype=np.int64))
+        return float(distance), int(order[at])
 
     def beyond(self, points: np.ndarray, distance: float) -> np.ndarray:
         """Whether each of the points [m] (n,3) is farther than the distance [m] from the mesh, in less time than by
@@ -143,16 +145,18 @@ def _find(
 def _farthest(
     points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, queries: Matrix, work: Indices
 ):
-    """The largest distance [m] of the queries (n,3)."""
-    most, t = 0.0, 0
-    for q in queries:
+    """The largest distance [m] of the queries (n,3), and which of them has it."""
+    most, t, farthest = 0.0, 0, 0
+    for k in range(len(queries)):
+        q = queries[k]
         t, _ = _descend(points, cells, star_at, star, q[0], q[1], q[2], t)
         f, _, _, _ = _on_triangle(points, cells, t, q[0], q[1], q[2])
         if f > most:
             t = _search(points, cells, discs, q[0], q[1], q[2], t, f, work)
             f, _, _, _ = _on_triangle(points, cells, t, q[0], q[1], q[2])
-            most = max(most, f)
-    return np.sqrt(most)
+            if f > most:
+                most, farthest = f, k
+    return np.sqrt(most), farthest
 
 
 @kernel

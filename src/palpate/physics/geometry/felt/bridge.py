@@ -119,7 +119,7 @@ def _plug(
     # raised at the rims, lowered outside, and ended inside the body
     index = np.argwhere(np.isfinite(away) & (np.abs(closing) < 2.0 * step))
     level = np.where(np.isfinite(away), closing, step)
-    level[tuple(index.T)] -= _lift(hollow.distance(grid.points(index), radius + 3.0 * step), radius, step)
+    level[tuple(index.T)] -= _lift(hollow, grid.points(index), radius, step)
     points, triangles = march(np.clip(level, -2.0 * step, 2.0 * step), grid, 0.0)
     # at an edge of the body the plug has one as well, which marching cubes cut off
     points, feet, good = _settle(points, centres, hollow, radius)
@@ -141,14 +141,19 @@ def _settle(
     where the plug ends inside the body."""
     step = STEP * radius
     feet, length = nearest_points(centres, points)
-    shift = _lift(hollow.distance(points, radius + 3.0 * step), radius, step) - (radius - length)
+    shift = _lift(hollow, points, radius, step) - (radius - length)
     good = np.abs(shift) <= 0.5 * step
     share = np.where(good, shift, 0.0) / np.maximum(length, 1e-12)
     return points + share[:, None] * (feet - points), feet, good
 
 
-def _lift(away: np.ndarray, radius: float, step: float) -> np.ndarray:
-    """Height [m] of the plug over the closing, by the distance [m] from untouchable triangles."""
+def _lift(hollow: Hollow, points: np.ndarray, radius: float, step: float) -> np.ndarray:
+    """Height [m] (n) of the plug over the closing at points [m] (n,3), by their distance from untouchable triangles.
+    Between `SHORE` and the radius it is constant."""
+    away, shore = np.full(len(points), SHORE), hollow.within(points, SHORE)
+    away[shore] = hollow.distance(points[shore], SHORE)
+    beyond = ~hollow.within(points, radius)
+    away[beyond] = hollow.about(points[beyond], radius + 3.0 * step)
     x, y = np.clip(away / SHORE, 0.0, 1.0), np.clip((away - radius) / (3.0 * step), 0.0, 1.0)
     return RIM * (1.0 - 2.0 * x * x * (3.0 - 2.0 * x)) - 3.0 * step * y
 
@@ -219,7 +224,5 @@ def _describe(felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, touchable:
     origin[unknown] = kept[floor.find_along(_middles(felt, unknown))[2]]
     area = 0.5 * float(np.linalg.norm(felt.face_vectors[bridged], axis=1).sum())
     under = np.unique(mesh.triangles[~touchable])
-    depth = -MeshClosestPoint(felt).find_along(mesh.vertices[under])[3]
-    deepest = int(depth.argmax())
-    place = mesh.vertices[under[deepest]]
-    return Felt(felt, origin.astype(np.int32), touchable, area, float(max(depth[deepest], 0.0)), place)
+    depth, deepest = MeshClosestPoint(felt).farthest(mesh.vertices[under])
+    return Felt(felt, origin.astype(np.int32), touchable, area, depth, mesh.vertices[under[deepest]])

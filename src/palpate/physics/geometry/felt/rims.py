@@ -172,12 +172,14 @@ def divide_near(
     each is a part."""
     tree, origin, tested = tree_of(rims.points), np.arange(len(triangles)), 0
     shortest = min(FINEST * rims.reach.min(), EVEN * rims.far.min())
+    farthest = max(rims.reach.max(), rims.far.max())
     for _ in range(HALVINGS):
         ends, of, _ = edges_of(triangles, len(points))
         edge = points[ends[:, 1]] - points[ends[:, 0]]
         length = np.linalg.norm(edge, axis=1)
         long = np.flatnonzero((length > shortest) & (ends[:, 1] >= tested))  # others were tested in the round before
-        away, which = (each[:, 0] for each in nearest(tree, 0.5 * (points[ends[long, 0]] + points[ends[long, 1]])))
+        middle, most = 0.5 * (points[ends[long, 0]] + points[ends[long, 1]]), farthest + length[long].max(initial=0.0)
+        away, which = (each[:, 0] for each in nearest(tree, middle, most=most))
         along = rims.along[which]
         across = np.linalg.norm(edge[long] - einsum("ij,ij->i", edge[long], along)[:, None] * along, axis=1)
         near = np.zeros(len(long), bool)
@@ -206,8 +208,9 @@ def round_rims(
     touched  the part of the body that the ball touches, whose normals next to a rim are not those of walls
     radius   [m] of the ball;  lift  [m] of the plug above the body beyond a rim
     """
-    away, which = (each[:, 0] for each in nearest(tree_of(rims.points), points))
     spacing = APART * radius
+    most = max(rims.reach.max(), rims.far.max()) + 2.0 * spacing
+    away, which = (each[:, 0] for each in nearest(tree_of(rims.points), points, most=most))
     near = np.flatnonzero(away < np.maximum(rims.reach, rims.far)[which] + spacing)
     which = which[near]
     first, second, along = (each[which] for each in (rims.body, rims.bridge, rims.along))
