@@ -13,10 +13,10 @@ import scipy  # imports its slow submodules at their first use
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.mesh_formats import AGAIN, LARGEST_FILE, read_file
 from palpate.nodes.base.stored.surfaces import stored
-from palpate.physics.geometry.corners import weld
 from palpate.physics.geometry.crossing import UncheckedError, crossing
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.pieces import pieces
+from palpate.physics.geometry.search.corners import weld
 from palpate.physics.geometry.topology import FLAT, edge_counts, one_sided, outward
 from palpate.units.header import factor
 

@@ -76,3 +76,31 @@ def test_a_ball_is_hidden_where_the_body_is_inside_it(make):
     assert 0.02 < hidden.mean() < 0.9 and sure.mean() > 0.99
     turned = np.random.default_rng(2).permutation(len(middle))  # neighbours are not next to each other
     np.testing.assert_array_equal(hides(closest, middle[turned], normal[turned], R), hidden[turned])
+
+
+def test_sorted_points_have_the_same_feet():
+    closest, points = MeshClosestPoint(bumpy()), many("random")
+    for one, other in zip(closest.find_sorted(points), closest.find(points), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_only_edges_within_a_part_are_divided():
+    """All edges of the part are short, no other one changes, and the area remains."""
+    body = bumpy()
+    part = body.vertices[:, 2] > 0.0
+    longest = 0.4 * float(
+        np.linalg.norm(body.vertices[body.triangles[:, 0]] - body.vertices[body.triangles[:, 1]], axis=1).max()
+    )
+    fine, origin = divide_long_edges(body, longest, part)
+    inside = np.concatenate([part, np.ones(len(fine.vertices) - len(part), bool)])
+    ends, _ = fine.edges
+    length = np.linalg.norm(fine.vertices[ends[:, 0]] - fine.vertices[ends[:, 1]], axis=1)
+    assert length[inside[ends].all(axis=1)].max() <= longest < length.max()
+    before = {tuple(edge) for edge in body.edges[0][~part[body.edges[0]].all(axis=1)].tolist()}
+    assert before <= {tuple(edge) for edge in ends.tolist()}
+    assert len(fine.triangles) > len(body.triangles) and fine.closed
+    np.testing.assert_allclose(
+        np.bincount(origin, np.linalg.norm(fine.face_vectors, axis=1)),
+        np.linalg.norm(body.face_vectors, axis=1),
+        rtol=1e-9,
+    )

@@ -6,11 +6,11 @@ from formulas import foot_row
 
 from palpate.physics.bodies.stretch import neighbours
 from palpate.physics.contact.spread import TABLES, spreader
-from palpate.physics.geometry.corners import weld
 from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.mesh import Mesh, once_per_mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
 from palpate.physics.geometry.nurbs_fit import sphere
+from palpate.physics.geometry.search.corners import weld
 from palpate.physics.geometry.tessellate import tessellate
 from palpate.physics.geometry.topology import edge_counts, outward
 

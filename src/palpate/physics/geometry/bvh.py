@@ -14,8 +14,8 @@ from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
 from palpate.physics.arrays import Array, Indices, Matrix, Record
-from palpate.physics.geometry.corners import boxes_of, stars, weld
-from palpate.physics.geometry.morton import morton_order
+from palpate.physics.geometry.search.corners import boxes_of, stars, weld
+from palpate.physics.geometry.search.morton import morton_order
 
 LEAF = 4
 PART, WHOLE = 64, 2048  # A node of at least WHOLE leaves is bounded by the discs of its parts of PART leaves

@@ -12,9 +12,9 @@ from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.bvh import LEAF
-from palpate.physics.geometry.corners import boxes_of
-from palpate.physics.geometry.morton import morton_order
 from palpate.physics.geometry.pieces import pieces
+from palpate.physics.geometry.search.corners import boxes_of
+from palpate.physics.geometry.search.morton import morton_order
 
 MOST = 1_500_000_000
 """Largest number of tests of bounding boxes, about 10 s. A surface takes 100 to 200 per triangle; more only if many of

@@ -15,9 +15,9 @@ from palpate.physics.arrays import Indices, Matrix, Record
 from palpate.physics.geometry.bvh import MeshTables, mesh_tables
 from palpate.physics.geometry.closest import FAR
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.morton import morton_order
 from palpate.physics.geometry.pseudonormal import EDGE, FACE, VERTEX, foot_of, normal_at, signed_distance
 from palpate.physics.geometry.search.foot import FOOT, find_feet
+from palpate.physics.geometry.search.morton import morton_order
 
 STACK = 128  # nodes of the tree that wait for the search
 TRACKED = {"exists": bool, "triangle": int, "nearest": int}
@@ -47,16 +47,17 @@ class MeshClosestPoint:
         return self._find(points, False)
 
     def find_along(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """As `find`, 3 times as fast: along a Morton curve, each search begins at the result of the point before. Of
-        equally near places the result is the one next to that."""
-        flat = np.reshape(points, (-1, 3))
-        order = morton_order(flat)
-        found = self._find(flat[order], True)
+        """As `find`, 4 times as fast for points of which each is near the one before. Of equally near places the result
+        is the one next to that of the point before."""
+        return self._find(points, True)
+
+    def find_sorted(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """As `find_along` of points (n,3) in any order, along a Morton curve. Of equally near places, as on the middle
+        plane of a groove, the result may be another one than for the neighbours of a point."""
+        order = morton_order(points)
         back = np.empty(len(order), np.int64)
         back[order] = np.arange(len(order))
-        foot, normal, triangle, distance = (
-            each[back].reshape(*np.shape(points)[:-1], *each.shape[1:]) for each in found
-        )
+        foot, normal, triangle, distance = (each[back] for each in self._find(points[order], True))
         return foot, normal, triangle, distance
 
     def farthest(self, points: np.ndarray) -> tuple[float, int]:

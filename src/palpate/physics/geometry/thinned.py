@@ -14,8 +14,8 @@ import numpy as np
 
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Indices, Matrix
-from palpate.physics.geometry.corners import stars
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.search.corners import stars
 
 REGION = 8.0  # [1] Side of the cells in which the density is measured, over h
 FEWEST = 100  # Vertices in a cell below which its density is not significant

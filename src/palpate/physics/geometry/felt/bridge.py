@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.physics.errors import MeshError
-from palpate.physics.geometry.corners import weld
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, rounded
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
@@ -29,6 +28,7 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.refined.edge_list import edges_of
 from palpate.physics.geometry.refined.flipped import flip_caps
+from palpate.physics.geometry.search.corners import weld
 
 STEP = 0.125  # [1] of the radius: step of the grid
 FACET = 0.06  # [1] of the radius: longest edge of a bridge, so that a foot hops by little
@@ -111,7 +111,7 @@ def _plug(
     reach = radius + 4.0 * step  # of the plug; the centres of balls that touch it are within r of it
     margin = reach + radius + hollow.size + 2.0 * BLOCK * step
     grid = Grid.round_box(hollow.low - margin + offset, hollow.high + margin + step, step)
-    distances = sample(grid, lambda at: body.find_along(at)[3], radius, hollow.within, margin)
+    distances = sample(grid, lambda at: body.find_sorted(at)[3], radius, hollow.within, margin)
     touched = touched[hollow.within(touched.mean(axis=1), margin - radius)]
     centres = centre_surface(body, distances, grid, radius, touched)
     away = sample(grid, lambda at: distance_to(centres, at), radius, hollow.within, reach)
@@ -126,10 +126,11 @@ def _plug(
     points, triangles = divide_creases(
         partial(nearest_points, centres), points, feet, triangles, good, radius, step, EDGE
     )
-    level = np.ones(len(points), bool)  # where the plug ends inside the body, its edges may stay long
-    level[: len(good)] = good
-    plug, _ = divide_long_edges(Mesh(points, np.ascontiguousarray(triangles, np.int32)), FACET * radius, level)
-    some = np.flatnonzero(np.concatenate([level, np.ones(len(plug.vertices) - len(level), bool)]))
+    # where the plug ends inside the body, its edges may stay long
+    near, off = np.ones(len(points), bool), np.flatnonzero(~good)
+    near[off] = body.find_sorted(points[off])[3] > -step
+    plug, _ = divide_long_edges(Mesh(points, np.ascontiguousarray(triangles, np.int32)), FACET * radius, near)
+    some = np.flatnonzero(np.concatenate([near, np.ones(len(plug.vertices) - len(near), bool)]))
     plug.vertices[some] = _settle(plug.vertices[some], centres, hollow, radius)[0]
     return Mesh(rounded(plug.vertices), plug.triangles), centres
 
@@ -221,7 +222,7 @@ def _describe(felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, touchable:
     bridged = of_plug[body.beyond(_middles(felt, of_plug), 2.0 * RIM)]
     unknown = np.flatnonzero((origin < 0) | ~touchable[origin])  # also the edge of a wall at a rim
     floor = MeshClosestPoint(Mesh(mesh.vertices, mesh.triangles[kept]))
-    origin[unknown] = kept[floor.find_along(_middles(felt, unknown))[2]]
+    origin[unknown] = kept[floor.find_sorted(_middles(felt, unknown))[2]]
     area = 0.5 * float(np.linalg.norm(felt.face_vectors[bridged], axis=1).sum())
     under = np.unique(mesh.triangles[~touchable])
     depth, deepest = MeshClosestPoint(felt).farthest(mesh.vertices[under])

@@ -76,7 +76,7 @@ def centre_surface(
         more, _ = divide_long_edges(
             Mesh(touched.reshape(-1, 3), np.arange(touched[..., 0].size, dtype=np.int32).reshape(-1, 3)), FINE * radius
         )
-        free = body.find_along(more.vertices)[3] >= radius - SLACK
+        free = body.find_sorted(more.vertices)[3] >= radius - SLACK
         triangles = np.concatenate([triangles, len(points) + more.triangles[free[more.triangles].all(axis=1)]])
         points = np.concatenate([points, more.vertices])
     return MeshClosestPoint(Mesh(rounded(points), np.ascontiguousarray(triangles, np.int32)))

@@ -45,7 +45,7 @@ class Hollow:
 
 def distance_to(surface: MeshClosestPoint, points: np.ndarray) -> np.ndarray:
     """Distances [m] (n) of points (n,3) from a surface that may have borders."""
-    return nearest_points(surface, points)[1]
+    return np.asarray(np.linalg.norm(points - surface.find_sorted(points)[0], axis=1))
 
 
 def nearest_points(surface: MeshClosestPoint, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

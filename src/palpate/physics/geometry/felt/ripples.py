@@ -22,8 +22,8 @@ from palpate.physics.geometry.felt.in_ball import SLACK
 from palpate.physics.geometry.felt.touchable import hides
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.physics.geometry.morton import order_of
 from palpate.physics.geometry.pieces import pieces
+from palpate.physics.geometry.search.morton import order_of
 
 SHALLOW = 1e-4
 """[m] Up to which a hollow is a ripple: the hysteresis of a foot point, twice the error of a bridge."""
@@ -60,7 +60,7 @@ def _hidden_before(points: np.ndarray, given: MeshClosestPoint, radius: float) -
     """Whether a ball cannot touch the mesh `given` next to each point [m] (n,3); nor where that has no normal."""
     if not len(points):
         return np.zeros(0, bool)
-    foot, _, nearest, _ = given.find_along(points)
+    foot, _, nearest, _ = given.find_sorted(points)
     vector = given.mesh.face_vectors[nearest]
     length = np.linalg.norm(vector, axis=1)
     hidden = length == 0.0

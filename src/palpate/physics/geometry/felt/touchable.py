@@ -24,11 +24,11 @@ from palpate.physics.geometry.felt.in_ball import (
 )
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import STACK, MeshClosestPoint, _on_triangle
-from palpate.physics.geometry.morton import morton_order
 from palpate.physics.geometry.pseudonormal import signed_distance
 from palpate.physics.geometry.refined.divided import divide_triangles
 from palpate.physics.geometry.refined.edge_list import edges_of
 from palpate.physics.geometry.search.foot import FOOT
+from palpate.physics.geometry.search.morton import morton_order
 
 TOGETHER = 16  # balls that share a search
 FEW = 512  # nodes of a search of which all vertices are tested first

@@ -1,1 +1,1 @@
-"""What the searches for the closest point share: the foot that they fill, and where one on a NURBS surface starts."""
+"""What searches for the closest point share: their order, corners of triangles, the foot, and starts on a NURBS surface."""

@@ -5,7 +5,7 @@ import numpy as np
 from palpate.compiler.exact import product
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Indices
-from palpate.physics.geometry.morton import order_of
+from palpate.physics.geometry.search.morton import order_of
 
 
 def weld(vertices: np.ndarray) -> np.ndarray:
