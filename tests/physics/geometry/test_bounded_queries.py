@@ -78,10 +78,15 @@ def test_a_ball_is_hidden_where_the_body_is_inside_it(make):
     np.testing.assert_array_equal(hides(closest, middle[turned], normal[turned], R), hidden[turned])
 
 
-def test_sorted_points_have_the_same_feet():
+def test_sorted_points_have_the_same_distances():
+    """Of equally near places either may be found."""
     closest, points = MeshClosestPoint(bumpy()), many("random")
-    for one, other in zip(closest.find_sorted(points), closest.find(points), strict=True):
-        np.testing.assert_array_equal(one, other)
+    foot, _, triangle, distance = closest.find_sorted(points)
+    np.testing.assert_allclose(distance, closest.find(points)[3], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(points - foot, axis=1), np.abs(distance), rtol=1e-12, atol=1e-15)
+    of_each = [MeshClosestPoint(Mesh(bumpy().vertices, bumpy().triangles[t : t + 1])) for t in triangle[:50].tolist()]
+    on = [np.linalg.norm(each.find(at)[0] - at) for each, at in zip(of_each, foot[:50], strict=True)]
+    assert max(on) < 1e-15
 
 
 def test_only_edges_within_a_part_are_divided():
@@ -99,8 +104,5 @@ def test_only_edges_within_a_part_are_divided():
     before = {tuple(edge) for edge in body.edges[0][~part[body.edges[0]].all(axis=1)].tolist()}
     assert before <= {tuple(edge) for edge in ends.tolist()}
     assert len(fine.triangles) > len(body.triangles) and fine.closed
-    np.testing.assert_allclose(
-        np.bincount(origin, np.linalg.norm(fine.face_vectors, axis=1)),
-        np.linalg.norm(body.face_vectors, axis=1),
-        rtol=1e-9,
-    )
+    areas = [np.linalg.norm(each.face_vectors, axis=1) for each in (fine, body)]
+    np.testing.assert_allclose(np.bincount(origin, areas[0]), areas[1], rtol=1e-9)

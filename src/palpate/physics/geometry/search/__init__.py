@@ -1,1 +1,1 @@
-"""What searches for the closest point share: their order, corners of triangles, the foot, and starts on a NURBS surface."""
+"""What searches for the closest point share: orders, corners, the foot that they fill, starts on a NURBS surface."""
