@@ -81,6 +81,7 @@ def gather_vertices(
 ):  # fmt: skip
     """Fill in the positions [m] and margins [m²] (4,n) of the vertices (n) of all triangles below these nodes, each
     once; returns n. Those already found have the number of this search in `seen` (V)."""
+    (x, y, z, spare), (every, _) = around, some
     size, count = 0, len(cells)
     for node in near:
         below = 1
@@ -92,9 +93,8 @@ def gather_vertices(
                 v = cells[t].corners[k]
                 if seen[v] != number:
                     seen[v] = number
-                    for i in range(3):
-                        around[i, size] = points[v].position[i]
-                    around[3, size], some[0, size] = margin[v], v
+                    x[size], y[size], z[size] = vector(points[v].position)
+                    spare[size], every[size] = margin[v], v
                     size += 1
     return size
 
@@ -116,11 +116,11 @@ def vertices_near(around: Matrix, count: int, ball: Record, radius: float, some:
     """Fill in those of the vertices some[0,:n], at places and with margins (4,n), of which a triangle may reach into
     the ball, in some[1]; returns their number."""
     p0, p1, p2 = vector(ball.centre)
-    x, y, z, margin = around
+    (x, y, z, margin), (every, near) = around, some
     size, most = 0, radius * radius
     for k in range(count):
         u, v, w = x[k] - p0, y[k] - p1, z[k] - p2
-        some[1, size] = some[0, k]
+        near[size] = every[k]
         size += 1 if u * u + v * v + w * w - margin[k] < most else 0
     return size
 
