@@ -159,7 +159,9 @@ def test_without_friction_the_force_of_a_touch_is_that_of_the_contact(tmp_path):
     _, rows, _ = read(tmp_path / "set")
     touched = [np.array(row["observation.touch.contact"]) for row in rows]
     force = Recording(path).columns("contact")["force"]
-    assert max(np.linalg.norm(each[..., 6:9], axis=-1).max() for each in touched) == pytest.approx(force.max(), rel=0.05)
+    assert max(np.linalg.norm(each[..., 6:9], axis=-1).max() for each in touched) == pytest.approx(
+        force.max(), rel=0.05
+    )
 
 
 def test_a_lane_that_fails_is_left_out(tmp_path, monkeypatch):
