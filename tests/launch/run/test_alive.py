@@ -33,6 +33,7 @@ from palpate.launch.run.work.activity import (
     waited_for_processor,
 )
 from palpate.launch.run.work.compiling import LONGEST
+from palpate.launch.run.work.far_clock import FarClock
 from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import EndedError
 from palpate.physics.errors import RunError
@@ -211,7 +212,7 @@ def test_a_waiting_worker_sends_heartbeats_and_notices_the_end_of_its_launcher(m
 
     bus = SimpleNamespace(order=order, report=sent.append)
     with pytest.raises(RunError if alone else EndedError, match="the launcher sent nothing" if alone else None):
-        process._link(bus, alone)
+        process._link(bus, FarClock() if alone else None)
     assert len(sent) >= (10 if alone else 20) and set(map(type, sent)) == {reports.Alive}
     assert now[0] < 6_000_000_000 or not alone
 

@@ -66,7 +66,7 @@ class RunProblem(Problem):
                 name, zero = f"{run.name} {path}", np.zeros(len(flat))
                 self.presses.append(MeasuredPress(name, None, zero, flat, 0.0, 0.0, 0.0, step=step_of(values[:, 0])))
                 self.weight.append(np.full(len(flat), 1.0 / (SMALL * peak)))
-        self.baselines, self.free_touch, self.relative = [], False, False
+        self.baselines, self.rises, self.free_touch, self.relative = [], [], False, False
         self.count = sum(len(press.force) for press in self.presses)
         if self.count < LEAST_PER_UNKNOWN * len(unknowns):
             raise ArgumentError(
