@@ -17,6 +17,7 @@ from palpate.studies.inverse.problem import RunProblem
 WIDEST = math.log(3.0)
 """[1] Half of a 95 % interval, as a logarithm or in scales, above which a parameter is not determined."""
 ROUNDS = 6  # corrections of the end of a profile
+NO_EFFECT = 1e-3  # [1] Change of the residuals over their size: rounding, not an effect of a parameter
 BENT, CLOSE = 0.1, 0.02  # [1] Errors of the distance: the linear model does not hold; the end is found
 
 
@@ -30,6 +31,8 @@ def widen_to_profiles(problem: RunProblem, fitted: Estimate, best: Point) -> Non
     quantile = float(student.ppf(0.5 + LEVEL / 2, fitted.effective[0] - size))
     reach = (problem.priors.quantiles if problem.priors else quantile) * fitted.errors
     unit = np.linalg.norm(slopes, axis=0)
+    # derivatives that are rounding would explain a part of the noise
+    acts = 2.0 * WIDEST * unit > NO_EFFECT * np.linalg.norm(best.r)
     unit[unit == 0.0] = 1.0
     gram = np.linalg.pinv((slopes / unit).T @ (slopes / unit), rcond=1e-15) / np.outer(unit, unit)
     ends = [(i, side) for i in range(size) for side in (-1.0, 1.0) if 0.0 < reach[i] < WIDEST * 2.0]
@@ -42,11 +45,11 @@ def widen_to_profiles(problem: RunProblem, fitted: Estimate, best: Point) -> Non
         at = np.clip(at, low, high)
         shares = np.ones(len(ends))
         for k, r in zip(left, problem.all_residuals(at[left]), strict=True):
-            i, others = ends[k][0], np.arange(size) != ends[k][0]
+            i, others = ends[k][0], acts & (np.arange(size) != ends[k][0])
             if k in bent and k not in there:
                 there[k] = problem.slopes_at(at[k], r, others)
             part = there.get(k, slopes)[:, others]
-            step = -np.linalg.lstsq(part, r, rcond=None)[0] if size > 1 else np.zeros(0)
+            step = -np.linalg.lstsq(part, r, rcond=None)[0] if others.any() else np.zeros(0)
             rise = max(float(r @ r) + float((part.T @ r) @ step) - best.squares, 0.0)
             at[k, others] += step
             shares[k] = math.sqrt(rise * gram[i, i]) / reach[i]  # 1 for a linear model
