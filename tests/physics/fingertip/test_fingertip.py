@@ -179,6 +179,15 @@ def test_a_file_without_a_fingertip_is_an_error(tmp_path):
         FingertipSurfaces.load(tmp_path / "shape.npz")
 
 
+@pytest.mark.parametrize(("field", "value"), [("spacing", 0.0), ("origin", np.inf), ("bone", np.nan)])
+def test_a_file_with_one_number_that_is_none_is_an_error(tmp_path, field, value):
+    numbers = {name: np.array(getattr(TIP, name)) for name in ("origin", "spacing", "skin", "tissue", "bone")}
+    numbers[field].flat[1] = value
+    np.savez(tmp_path / "tip.npz", **numbers)
+    with pytest.raises(FingertipError, match="finite distances and spacing > 0"):
+        FingertipSurfaces.load(tmp_path / "tip.npz")
+
+
 @pytest.mark.parametrize(("depth", "pitch"), [(0.0, 1e-3), (1e-3, 0.0), (-1e-3, 1e-3), (np.inf, 1e-3)])
 def test_a_filling_without_size_is_an_error(depth, pitch):
     with pytest.raises(FingertipError, match="> 0"):
