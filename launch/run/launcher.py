@@ -37,7 +37,6 @@ from palpate.launch.run.wire.wires import (
     wrong_endpoint,
 )
 from palpate.launch.run.work.activity import ENDED, Activity
-from palpate.launch.run.work.offered import sources
 from palpate.launch.run.work.spawner import Spawner, worker_server
 from palpate.launch.run.work.worker import REPORT
 
@@ -230,6 +229,8 @@ class Launcher:
             case reports.Hello():
                 if not member.taken:
                     member.taken, member.busy = True, ""
+                from palpate.launch.run.tasks.task import sources  # no other run needs it
+
                 take = reports.Take(member.job, self.run_id, sources())
                 self._control.send_order(f"join-{member.job.group}", take)
             case reports.Pulse(found):

@@ -16,11 +16,11 @@ from palpate.launch.run.work.activity import Activity
 
 
 class Take(msgspec.Struct, frozen=True, tag=True):
-    """To a worker that was started by hand: its job, the name of the run, and `offered.sources` of the launcher."""
+    """To a worker that was started by hand: its job, the name of the run, and `tasks.task.sources` of the launcher."""
 
     job: Job
     run: str
-    sources: str = ""
+    sources: str
 
 
 class OutletAddress(msgspec.Struct, frozen=True):
@@ -83,8 +83,8 @@ class Beat(msgspec.Struct, frozen=True, tag=True):
     """Heartbeat for workers on other machines. `received`: number of the last report that has arrived; `sent` [ns]:
     time of the launcher's monotonic clock."""
 
-    received: int = 0
-    sent: int = 0
+    received: int
+    sent: int
 
 
 class Hello(msgspec.Struct, frozen=True, tag=True):

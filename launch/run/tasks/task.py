@@ -1,5 +1,6 @@
 """A task: how to compute items, as plain data that any process with the same sources can use."""
 
+import functools
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -35,6 +36,12 @@ class Task(Protocol):
 
     def compute(self, items: Sequence[Any], beat: Beat) -> Iterator[tuple[int, Any]]:
         """Compute items; the place and the result of each, in any order."""
+
+
+@functools.cache
+def sources() -> str:
+    """A hash of the sources of palpate by which the nodes of a run compute and exchange messages."""
+    return kernel_cache.key((*ROOMS, "palpate.launch"))
 
 
 def fingerprint() -> dict[str, str]:

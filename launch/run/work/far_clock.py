@@ -5,7 +5,7 @@ from collections import deque
 from palpate.engine import clock
 
 KEPT = 8  # differences, those of 4 s, in which two clocks drift apart by 0.4 ms at most
-STEP = 100_000  # [ns] of a correction, two in a second: clocks differ by up to 100 ppm
+STEP = 100_000  # [ns] of a correction, two in a second, as clocks differ by up to 100 ppm
 
 
 class FarClock:
@@ -20,7 +20,7 @@ class FarClock:
 
     def __init__(self) -> None:
         self._differences: deque[int] = deque(maxlen=KEPT)
-        self._begun = 0
+        self._zero = 0  # [ns] time of tick 0 on the launcher's clock
 
     def hear(self, sent: int) -> None:
         """An order is read that the launcher sent at this time [ns] of its clock."""
@@ -28,9 +28,12 @@ class FarClock:
 
     def begin(self, moment: int) -> int:
         """The time here of tick 0, which is `moment` on the launcher's clock [ns]."""
-        self._begun = moment
-        return moment + min(self._differences)
+        self._zero = moment
+        return self._origin()
 
     def corrected(self, origin: int) -> int:
         """The time of tick 0 [ns], after this one was used: a correction of at most `STEP` leaves no tick out."""
-        return origin + max(-STEP, min(STEP, self.begin(self._begun) - origin))
+        return origin + max(-STEP, min(STEP, self._origin() - origin))
+
+    def _origin(self) -> int:
+        return self._zero + min(self._differences)

@@ -9,15 +9,13 @@ Placement never changes the results, so the sources of palpate and the data file
 launcher's machine.
 """
 
-import functools
 from pathlib import Path
 
-from palpate.compiler import kernel_cache
 from palpate.engine.imports import UntrustedError, check_trusted, load_class, modules_of
 from palpate.engine.job import Job, NodeJob, ObserverJob, members
 from palpate.launch.load.dependencies import texts
 from palpate.launch.run.result import NodeFault
-from palpate.launch.run.tasks.task import ROOMS
+from palpate.launch.run.tasks.task import sources
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer
 from palpate.nodes.logger import Mcap
@@ -26,12 +24,6 @@ from palpate.physics.readable import DATA, hash_of_file
 from palpate.records.format.mcap_file import MAGIC
 
 SOURCE = "the job of a launcher elsewhere"
-
-
-@functools.cache
-def sources() -> str:
-    """A hash of the sources of palpate by which the nodes of a run compute and exchange messages."""
-    return kernel_cache.key((*ROOMS, "palpate.launch"))
 
 
 def refusal(job: Job, launcher: str) -> NodeFault | None:

@@ -26,7 +26,7 @@ from palpate.records.format.mcap_append import NOTES
 from palpate.records.format.mcap_writer import McapWriter
 from palpate.records.player import plan_of
 from palpate.records.segment_player import live_player
-from palpate.records.stored import RecordingError, Stored
+from palpate.records.stored import RecordingError, Stored, report_damage
 
 LAG = 0.5  # [s] limit of the delay between messages of the same tick in the file
 Row = tuple[str, int, int, bytes]
@@ -144,7 +144,8 @@ class _Filling:
             due = tick + 1
         # after the last message of a source that does not send at each tick
         every = {name: spec.every for name, spec in self.plan.graph.nodes.items()}
-        made = max((int(row["steps"] - 1) * every[name] for name, row in self.stored.times.items()), default=-1)
+        with report_damage(self.stored.path, "its numbers of steps"):
+            made = max((int(row["steps"] - 1) * every[name] for name, row in self.stored.times.items()), default=-1)
         for tick in range(due, min(made, last) + 1):
             yield tick, {}
 

@@ -84,7 +84,7 @@ def exchange(channel, bus, received, reported, enough, seconds=10.0):
         channel.deliver()
         if time.monotonic() - beat > 0.1:
             beat = time.monotonic()
-            channel.send_order("a", Beat(channel.received["a"]))
+            channel.send_order("a", Beat(channel.received["a"], 0))
         order = bus.order(5)
         received += [] if order is None or isinstance(order, Beat) else [order]
         while channel.sockets.has_report():
@@ -132,7 +132,7 @@ def test_only_the_next_order_is_taken_and_heartbeats_always():
         return taken.take(b"~a\0%d %b" % (number, msgspec.json.encode(order)))
 
     assert take(2, Quit()) is None and take(1, Stop()) == Stop() and take(1, Stop()) is None
-    assert take(0, Beat(3)) == Beat(3) and take(3, Close()) is None and take(2, Quit()) == Quit()
+    assert take(0, Beat(3, 0)) == Beat(3, 0) and take(3, Close()) is None and take(2, Quit()) == Quit()
 
 
 def test_a_report_is_sent_again_from_the_second_heartbeat_on():

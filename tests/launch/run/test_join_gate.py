@@ -13,10 +13,11 @@ from palpate.engine import imports
 from palpate.engine.job import Job, NodeJob, ObserverJob, StreamJob
 from palpate.launch.run import reports
 from palpate.launch.run.result import NodeFault
+from palpate.launch.run.tasks.task import sources
 from palpate.launch.run.wire.bus import frame
 from palpate.launch.run.work import process
 from palpate.launch.run.work.far_clock import FarClock
-from palpate.launch.run.work.offered import refusal, sources
+from palpate.launch.run.work.offered import refusal
 from palpate.physics.errors import RunError
 from palpate.physics.readable import hash_of_file
 from palpate.records.format.mcap_file import MAGIC

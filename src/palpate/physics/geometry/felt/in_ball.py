@@ -132,7 +132,6 @@ def nearest_at(
 ):  # fmt: skip
     """`nearest_below` of the triangles at these vertices. Those already tested have the number of the ball in `tested`
     (T)."""
-    p0, p1, p2 = vector(ball.centre)
     best, least = -1, radius * radius
     for v in near:
         for k in range(star_at[v], star_at[v + 1]):
@@ -140,26 +139,27 @@ def nearest_at(
             if tested[t] == number:
                 continue
             tested[t] = number
-            if is_above(points, cells, t, ball, radius):
-                square, _, _, _ = _on_triangle(points, cells, t, p0, p1, p2)
-                if square < least:
-                    best, least = t, square
-                if least < enough:
-                    return best, least
+            best, least = _nearer(points, cells, t, ball, radius, best, least)
+            if least < enough:
+                return best, least
+    return best, least
+
+
+@kernel
+def _nearer(points: Record, cells: Record, t: int, ball: Record, radius: float, best: int, least: float):
+    """The triangle in a ball that is nearest to its centre so far, and its squared distance [m²], after this one."""
+    if is_above(points, cells, t, ball, radius):
+        square, _, _, _ = _on_triangle(points, cells, t, ball.centre[0], ball.centre[1], ball.centre[2])
+        if square < least:
+            return t, square
     return best, least
 
 
 @kernel
 def nearest_below(
-    points: Record,
-    cells: Record,
-    discs: Record,
-    ball: Record,
-    radius: float,
-    enough: float,
-    near: Indices,
+    points: Record, cells: Record, discs: Record, ball: Record, radius: float, enough: float, near: Indices,
     work: Indices,
-):
+):  # fmt: skip
     """A triangle in a ball, above the tangent plane on which it lies, and its squared distance [m²] from the centre;
     -1: none. The nearest one, or any whose squared distance is below `enough`.
     near  (n,) nodes of the tree to be searched.
@@ -185,12 +185,9 @@ def nearest_below(
                 depth += 2
                 continue
             for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
-                if is_above(points, cells, t, ball, radius):
-                    square, _, _, _ = _on_triangle(points, cells, t, p0, p1, p2)
-                    if square < least:
-                        best, least = t, square
-                    if least < enough:
-                        return best, least
+                best, least = _nearer(points, cells, t, ball, radius, best, least)
+                if least < enough:
+                    return best, least
     return best, least
 
 
