@@ -9,7 +9,7 @@ from pytest import approx
 from palpate.nodes.base.felt import WIDTH
 from palpate.nodes.base.surface import OPEN, SURFACES, surface_mesh
 from palpate.physics.errors import MeshError
-from palpate.physics.geometry.felt.bridge import RIM, close_surface
+from palpate.physics.geometry.felt.bridge import close_surface
 from palpate.physics.geometry.felt.solid import piece_volumes
 from palpate.physics.geometry.felt.touchable import divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh, heights
@@ -22,7 +22,7 @@ from palpate.studies.organs.zoo import COARSE, GAPPED
 
 R = 8e-3
 TOP = 6e-3  # [m] of the bodies
-NEAR = 45e-6  # [m] the plug is raised and lowered by 10 um; the chords of its facets add up to 30 um
+NEAR = 8e-6  # [m]
 
 
 def prism(profile, length=0.02):
@@ -93,33 +93,19 @@ def lacking(half):
     return y, over / over[0]
 
 
-def rounded_line(width):
-    """Points [m] (n,2), y and height, of the right half of the surface of `rolls` that sinks round its rims by as much
-    as the patch lacks support."""
-    half = 0.5 * width
-    theta = np.arcsin(half / R)
-    angle = np.linspace(0.0, theta, 2000)
-    over = np.stack([R * np.sin(angle), np.sqrt(R * R - half * half) - R * np.cos(angle)], axis=1)
-    flat = np.stack([np.linspace(half, 0.02, 20_000), np.zeros(20_000)], axis=1)
-    line = np.concatenate([over, flat])
-    s, on_bridge = np.linalg.norm(line - (half, 0.0), axis=1), np.arange(len(line)) < len(over)
-    at = np.minimum(s, half)
-    sink = 0.5 * half * np.interp(np.where(on_bridge, half - at, half + s), *lacking(half))
-    sink -= np.where(on_bridge, at - at * at / width, 0.0)
-    sink *= theta < np.pi / 3.0  # a steep rim stays
-    # towards the difference of the tangents of both sides
-    return line + sink[:, None] * (np.array([1.0, 0.0]) - (np.cos(theta), np.sin(theta)))
-
-
 def rounded(width, y):
-    """Depth [m] of the surface of `rounded_line`."""
-    return -np.interp(np.abs(y), *rounded_line(width).T)
+    """Depth [m] of a surface that sinks at the distances y [m] from the middle of a gap by as much of the depth of the
+    ball there as the patch lacks support; at a steep rim, like the ball."""
+    if width > 2.0 * R * np.sin(np.pi / 3.0):
+        return np.where(np.abs(y) < 0.5 * width, rolls(width, np.minimum(np.abs(y), 0.5 * width)), 0.0)
+    return rolls(width, 0.0) * np.interp(np.abs(y), *lacking(0.5 * width))
 
 
 def slide(width, path):
-    """Signed distance [m] (n) and y of the normal [1] (n) of points (n,2) from the surface of `rounded_line`, whose
-    y is positive: the nearest of all points of the line."""
-    line = rounded_line(width)
+    """Signed distance [m] (n) and y of the normal [1] (n) of points (n,2), whose y is positive, from the surface of
+    `rounded`: the nearest of all points of the line."""
+    at = np.linspace(0.0, 0.02, 20_000)
+    line = np.stack([at, -rounded(width, at)], axis=1)
     away = path[:, None] - line[None]
     nearest = np.linalg.norm(away, axis=2).argmin(axis=1)
     tangent = np.gradient(line[:, 0]), np.gradient(line[:, 1])
@@ -133,7 +119,7 @@ def test_a_ball_sinks_into_a_groove_as_far_as_its_rims_allow(width):
     felt = felt_groove(width)
     y = np.linspace(-0.49, 0.49, 15) * width
     steep = 0.5 * width / np.sqrt(R * R - 0.25 * width * width)  # change of the depth over that of the width
-    np.testing.assert_allclose(dips(felt, y), rounded(width, y), atol=NEAR + steep * RIM)
+    np.testing.assert_allclose(dips(felt, y), rounded(width, y), atol=NEAR + steep * 15e-6)
     assert rounded(width, 0.0) == approx(rolls(width, 0.0), abs=1e-9)  # the middle is that of the ball
     outside = np.array([-0.019, -0.0185, 0.0185, 0.019])
     np.testing.assert_allclose(dips(felt, outside), 0.0, atol=1e-12)
@@ -153,22 +139,22 @@ def test_a_gap_that_closes_converges_to_the_uncut_body():
         assert (np.abs(normal[:, 1]) <= 0.5 * gap / R + 0.02).all()
 
 
-def test_the_normal_turns_at_a_rim_by_what_the_patch_loses_of_its_support():
+@pytest.mark.parametrize("gap", [0.5e-3, 2e-3])
+def test_the_normal_turns_at_a_rim_by_what_the_patch_loses_of_its_support(gap):
     """A slide at 200 mm/s over 2 mm changed the force on the hand by 0.22 N in a millisecond, by a turn of 7 degrees
-    within one triangle. The first parabola at the rim turned it by 1/(2 R) per length, and tilted it by 0.06."""
-    gap = 2e-3
+    within one triangle. The first parabola at the rim turned it by 1/(2 R) per length, and tilted it by 0.06. Over 0.5
+    mm the bridge was 10 um too high, and its normal 0.0045 off within 0.2 mm: in a slide through a deep press the foot
+    ran 20 % too fast and too slow by turns."""
     y = np.linspace(-2.0 * gap, 2.0 * gap, 161)
     high = TOP - dips(felt_cut(gap), y)
     _, normal, _, _ = MeshClosestPoint(felt_cut(gap).mesh).find(np.stack([np.full(len(y), 0.3e-3), y, high], axis=1))
-    tilt, right = np.arcsin(normal[:, 1]), np.gradient(rounded(gap, y), y)  # up to 0.009
-    np.testing.assert_allclose(tilt, right, atol=5e-3)
-    assert 0.8 < tilt[y > gap].sum() / right[y > gap].sum() < 1.2
+    fine = np.linspace(-3.0 * gap, 3.0 * gap, 4001)
+    tilt, right = np.arcsin(normal[:, 1]), np.interp(y, fine, np.gradient(rounded(gap, fine), fine))  # up to 0.009
+    np.testing.assert_allclose(tilt, right, atol=5e-4)
     reach = 10
-    turn = np.abs(tilt[reach:] - tilt[:-reach]) / (y[reach] - y[0])
-    assert turn.max() < 0.3 / (2.0 * R)
     slope = np.arctan((high[reach:] - high[:-reach]) / (y[reach] - y[0]))
     mean = 0.5 * (tilt[reach:] + tilt[:-reach])
-    assert np.abs(slope + mean).max() < 0.03  # so the depth changes as the normal says, within 10 um at the rims
+    np.testing.assert_allclose(slope, -mean, atol=5e-3)  # so the depth changes as the normal says
 
 
 @pytest.mark.parametrize(
@@ -187,7 +173,7 @@ def test_no_point_of_a_rim_is_above_the_surface(name, offset):
     x, y = np.meshgrid(np.linspace(-0.3 * LONG, 0.3 * LONG, 121), np.linspace(-0.8, 0.8, 161) * width)
     low = 0.5 * HIGH - heights(felt, np.stack([x.ravel(), y.ravel()], axis=1))
     off = low - rounded(width, y.ravel())
-    assert off.min() > -15e-6 and off.max() < NEAR
+    assert off.min() > -NEAR and off.max() < 25e-6
 
 
 @pytest.mark.parametrize("high", [0.7e-3, -2.8e-3])
@@ -199,8 +185,8 @@ def test_a_slide_over_a_wide_groove_turns_as_the_rounded_surface_does(high):
     for x in np.linspace(-0.2, 0.2, 9) * LONG:
         path = np.stack([np.full(len(y), x), y, np.full(len(y), 0.5 * HIGH + high)], axis=1)
         _, normal, _, gap = MeshClosestPoint(felt_block("groove-8").mesh).find(path)
-        np.testing.assert_allclose(gap, right, atol=15e-6)
-        np.testing.assert_allclose(normal[:, 1], tilt, atol=0.02)
+        np.testing.assert_allclose(gap, right, atol=NEAR)
+        np.testing.assert_allclose(normal[:, 1], tilt, atol=2e-3)
         assert 0.85 < np.abs(np.diff(normal[:, 1])).max() / np.abs(np.diff(tilt)).max() < 1.4  # facets
 
 

@@ -18,9 +18,9 @@ import numpy as np
 
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
-from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, rounded
+from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, onto_centres, rounded
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
-from palpate.physics.geometry.felt.rims import divide_near, find_rims, round_rims, unfolded
+from palpate.physics.geometry.felt.rims import divide_near, find_rims, resting, round_rims, unfolded
 from palpate.physics.geometry.felt.ripples import without_ripples
 from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
@@ -87,10 +87,14 @@ def close_surface(
     rims = find_rims(vertices[bridge], touched, centres, radius) if len(bridge) else None
     if rims is not None:
         vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
-        *moves, turned = round_rims(vertices, normals, rims, touched, radius, RIM)
-        moves = [np.where(moved != vertices, rounded(moved), vertices) for moved in moves]
-        triangles, origin = flip_caps(moves[0], triangles, _still(vertices, moves[0], triangles)), origin[part]
-        vertices, normals = unfolded(vertices, normals, moves, turned, triangles)
+        origin = origin[part]
+    flat, rolling = _without_lift(vertices, normals, np.unique(triangles[origin < 0]), body, touched, centres, radius)
+    moved, turned = flat, normals
+    if rims is not None:
+        moved, turned = round_rims(flat, normals, rolling, rims, touched, radius)
+        moved = np.where(moved != flat, rounded(moved), flat)
+        triangles = flip_caps(moved, triangles, _still(vertices, moved, triangles))
+    vertices, normals = unfolded(vertices, normals, moved, turned, triangles)
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
     return _describe(felt, origin, body, touchable)
 
@@ -146,6 +150,37 @@ def _settle(
     good = np.abs(shift) <= 0.5 * step
     share = np.where(good, shift, 0.0) / np.maximum(length, 1e-12)
     return points + share[:, None] * (feet - points), feet, good
+
+
+def _without_lift(
+    points: np.ndarray, normals: np.ndarray, plug: np.ndarray, body: MeshClosestPoint, touched: MeshClosestPoint,
+    centres: MeshClosestPoint, radius: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Points [m] and normals (V,3) of body and plug, with the points `plug` (n) of the plug moved to the closing, and
+    with the directions from there to the centre of the ball.
+
+    touched  the part of the body that the ball touches
+    """
+    at, moved, facing = points[plug], points.copy(), normals.copy()
+    feet, normal, triangle, _ = touched.find_along(at)
+    # the centre where the ball rests on both rims, else the nearer one of where it rests on a triangle next to the
+    # point, and near a facet of the surface of centres, which is a chord
+    rolling, good = onto_centres(body, nearest_points(centres, at)[0], radius, STEP * radius)
+    up = touched.mesh.face_vectors[triangle]
+    length = np.linalg.norm(up, axis=1)
+    on_body = feet + (radius / np.maximum(length, 1e-300))[:, None] * up
+    over = np.flatnonzero(np.linalg.norm(at - feet, axis=1) > 2.0 * RIM)
+    on_rims, _, free = resting(feet[over], normal[over], rolling[over], touched, radius, 1e-8)
+    out = at - np.stack([rolling, on_body])
+    away = np.where(np.stack([good, length > 0.0]), np.linalg.norm(out, axis=2), np.inf)
+    out = out[away.argmin(axis=0), np.arange(len(at))]
+    out[over[free]] = at[over[free]] - on_rims[free]
+    away = np.linalg.norm(out, axis=1)
+    near = np.abs(away - radius) <= 2.0 * RIM
+    plug, at, out, away = plug[near], at[near], out[near], away[near, None]
+    moved[plug] = rounded(at + (radius / away - 1.0) * out)
+    facing[plug] = -out / away
+    return moved, facing
 
 
 def _lift(hollow: Hollow, points: np.ndarray, radius: float, step: float) -> np.ndarray:

@@ -8,6 +8,7 @@ narrower than the grid: there the touchable triangles themselves are moved by th
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -60,10 +61,7 @@ def centre_surface(
     """
     points, triangles = march(np.minimum(distances, 2.0 * radius), grid, radius)
 
-    def find(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        feet, _, _, distance = body.find_along(at)
-        return feet, distance
-
+    find = partial(_signed, body)
     points, feet, error = _project(find, points, radius, grid.step)
     good = np.abs(error) < OFF * grid.step
     triangles = triangles[good[triangles].all(axis=1)]
@@ -80,6 +78,21 @@ def centre_surface(
         triangles = np.concatenate([triangles, len(points) + more.triangles[free[more.triangles].all(axis=1)]])
         points = np.concatenate([points, more.vertices])
     return MeshClosestPoint(Mesh(rounded(points), np.ascontiguousarray(triangles, np.int32)))
+
+
+def _signed(body: MeshClosestPoint, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest points [m] (n,3) of a body, and the distances [m] (n), negative inside."""
+    feet, _, _, distance = body.find_along(at)
+    return feet, distance
+
+
+def onto_centres(
+    body: MeshClosestPoint, points: np.ndarray, radius: float, step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points [m] (n,3) on facets of the surface of centres, which are chords, moved to the distance `radius` [m] from
+    the body, and whether they arrived (n); step [m] of the grid."""
+    points, _, error = _project(partial(_signed, body), points, radius, step)
+    return points, np.abs(error) < OFF * step
 
 
 def _project(find: Find, points: np.ndarray, radius: float, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

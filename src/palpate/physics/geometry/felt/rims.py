@@ -3,21 +3,25 @@
 The closing by a ball of radius r has a kink at each sharp rim of a bridge: there the ball turns about the rim by the
 angle θ between the normal n_1 of the body and the direction n_2 to the centre at which the ball also touches the other
 rim (θ ~ w/(2r) over a gap w). A point that follows the surface takes this turn at once, with a change of direction and
-of depth rate. A pulp is soft: it sinks by as much of the dip of the ball, D = θ a/2, as its patch lacks support. At the
-distance y from the middle of a gap of half the width a, over which the line integral (1 - y²/R²)^(5/2) of the biweight
-patch is
+of depth rate. A pulp is soft: it sinks by as much of the dip of the ball as its patch lacks support. In a gap of half
+the width a, between rims at the same height, the ball sinks at the distance y from the middle by
+
+    d(y) = (r² - y²)^½ - (r² - a²)^½ + (θ - β) (a² - y²)/(2a),        sin β = a/r,
+
+below the body continued over the gap, whose curvature is (θ - β)/a. The line integral (1 - y²/R²)^(5/2) of the biweight
+patch over the gap, over that in the middle, is
 
     B(y) = (Φ((y + a)/R) - Φ((y - a)/R)) / (2 Φ(a/R)),        Φ(u) = integral_0^u (1 - v²)^(5/2) dv,
 
-the surface is that of the body, continued over the gap, less D B(y). So at the distance s from a rim it sinks along
-n_1 + n_2 by
+and the surface is that of the body, continued over the gap, less d(0) B(y). So at the distance s from a rim it sinks
+perpendicular to the chord between the rims by
 
-    θ (a/2) B(a + s)                        on the body, up to R = r, or half of the way to the next rim,
-    θ ((a/2) B(a - s) - s + s²/(2a))        on the bridge, up to a = min(r θ, w/2),
+    d(0) B(a + s)                       on the body, up to R = r, or half of the way to the next rim,
+    d(0) B(a - s) - d(a - s)            on the bridge, up to a = min(r θ, w/2),
 
-which is 0 in the middle. Slope and curvature are equal on both sides of a rim, also on a body with the curvature k,
-where θ = a/r + k a. Over gaps of 2, 4 and 8 mm (r = 8 mm) a rim sinks by 0.06, 0.22 and 0.63 mm and its normal tilts by
-0.005, 0.03 and 0.16. Full finite elements of a pad (0.1 to 0.38 N) tilt by 0.13 to 0.16 there over 8 mm.
+which is 0 in the middle. Slope and curvature are equal on both sides of a rim, also on a curved body. Over gaps of 2, 4
+and 8 mm (r = 8 mm) a rim sinks by 0.06, 0.22 and 0.65 mm and its normal tilts by 0.005, 0.03 and 0.16. Full finite
+elements of a pad (0.1 to 0.38 N) tilt by 0.13 to 0.16 there over 8 mm.
 
 The curvature κ matters below the surface: in the depth d the foot moves 1/(1 - κ d) times as far as the bone. Beyond a
 rim, it is at most 1/(222 mm), 1/(74 mm) and 1/(31 mm), and adds to that of the body. (With a parabola up to 1.5 mm over
@@ -47,13 +51,13 @@ UNFOLDED = 24  # rounds, because a point that stays may fold its neighbours
 HALVINGS = 7  # of an edge at most
 CORNER = 0.7  # [1] cosine between normals below which two rims meet at an edge of the body, where they stay
 CLEAR = 2.2  # [1] distance from an edge of the body over that of an end up to which rims stay
-STEEP = 0.5  # [1] sine of half the tilt from which a rim is an edge of the body: 60 degrees, over a gap of 1.7 r
+STEEP = np.pi / 3.0  # [1] tilt from which a rim is an edge of the body, over a gap of 1.7 r
 SAME_SIDE = (0.3, 0.6)  # [1] cosine between a normal and that of the rim from which a vertex moves, and moves fully
 APART = 0.03  # [1] of the radius: distance of points of a rim
 AHEAD = 0.1  # [1] of the radius: beyond a centre, where the other rim is nearer
 EXACT = 1e-6  # [m] by which a ball may overlap what it rests on
 SAME = 1e-3  # [1] of the radius: distance between points of a body below which they are on one rim
-ROUNDS = 8  # each halves the distance from the other rim
+ROUNDS = 16  # each halves the distance from the other rim
 
 
 class Rims(NamedTuple):
@@ -81,13 +85,12 @@ def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshCloses
     near = near[np.sort(np.unique(place, axis=0, return_index=True)[1])]
     foot = foot[near]
     body = touched.find_along(foot)[1]
-    centre, other, good = _resting(foot, body, nearest_points(centres, points[near])[0], touched, radius)
+    centre, other, good = resting(foot, body, nearest_points(centres, points[near])[0], touched, radius)
     bridge = (centre - foot) / radius
-    half = np.minimum(0.5 * np.linalg.norm(bridge - body, axis=1), 1.0)
-    tilt = 2.0 * arctan2(half, np.sqrt(1.0 - half * half))
+    tilt = _tilt(body, bridge)
     wide = np.linalg.norm(other - foot, axis=1)
     reach = np.minimum(radius * tilt, 0.5 * wide)
-    good &= (reach > LEAST * radius) & (half < STEEP)
+    good &= (reach > LEAST * radius) & (tilt < STEEP)
     if not good.any():
         return None
     foot, body, bridge, reach = foot[good], body[good], bridge[good], reach[good]
@@ -103,6 +106,12 @@ def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshCloses
     along = np.cross(body, bridge)
     along /= np.linalg.norm(along, axis=1)[:, None]
     return Rims(foot, body, bridge, along, reach, far)
+
+
+def _tilt(body: np.ndarray, bridge: np.ndarray) -> np.ndarray:
+    """θ [1] (n), the angle between two normals [1] (n,3)."""
+    half = np.minimum(0.5 * np.linalg.norm(bridge - body, axis=1), 1.0)
+    return np.asarray(2.0 * arctan2(half, np.sqrt(1.0 - half * half)))
 
 
 def _before_next_rim(points: np.ndarray, body: np.ndarray, bridge: np.ndarray, radius: float) -> np.ndarray:
@@ -136,11 +145,16 @@ def _along_rims(
     return mean, half, patch
 
 
-def _resting(
-    rim: np.ndarray, body: np.ndarray, centre: np.ndarray, touched: MeshClosestPoint, radius: float
+def resting(
+    rim: np.ndarray,
+    body: np.ndarray,
+    centre: np.ndarray,
+    touched: MeshClosestPoint,
+    radius: float,
+    exact: float = EXACT,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres [m] (n,3) of balls that touch these points of rims [m] (n,3) and another one, from centres near them; the
-    other ones [m] (n,3); and whether they were found (n)."""
+    other ones [m] (n,3); and whether they were found (n). exact [m] by which they may overlap what they rest on."""
     over = centre - rim
     over -= einsum("ij,ij->i", over, body)[:, None] * body
     over /= np.maximum(np.linalg.norm(over, axis=1), 1e-12)[:, None]
@@ -148,7 +162,7 @@ def _resting(
     left, last = np.arange(len(rim)), rim.copy()
     for _ in range(ROUNDS):
         other, distance = nearest_points(touched, query[left])
-        free = found[left] & (distance > radius - EXACT)  # it rests on both
+        free = found[left] & (distance > radius - exact)  # it rests on both
         left, other = left[~free], other[~free]
         if not len(left):
             break
@@ -200,13 +214,13 @@ def divide_near(
 
 
 def round_rims(
-    points: np.ndarray, normals: np.ndarray, rims: Rims, touched: MeshClosestPoint, radius: float, lift: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points [m] (V,3) of the surface with rounded rims, on ball and body and as far from them as they were, and its
-    normals [1] (V,3).
+    points: np.ndarray, normals: np.ndarray, rolling: np.ndarray, rims: Rims, touched: MeshClosestPoint, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points [m] and normals [1] (V,3) of the surface with rounded rims.
 
+    rolling  [1] (V,3) directions from points of bridges to the centre of the ball
     touched  the part of the body that the ball touches, whose normals next to a rim are not those of walls
-    radius   [m] of the ball;  lift  [m] of the plug above the body beyond a rim
+    radius   [m] of the ball
     """
     spacing = APART * radius
     most = max(rims.reach.max(), rims.far.max()) + 2.0 * spacing
@@ -227,34 +241,40 @@ def round_rims(
     past = np.clip(1.0 - np.maximum(np.abs(part) - spacing, 0.0) / np.minimum(reach, ENDS * radius), 0.0, 1.0)
     there *= past * past * (3.0 - 2.0 * past)
     close = there * (1.0 - np.clip(across / np.minimum(reach, ENDS * radius), 0.0, 1.0) ** 2)
-    sink, turn = _sink(across, over, reach, far)
-    # the bridge is part of the ball: the chords of its facets at the rim are up to 20 um too low; the plug beyond the
-    # rim is up to 10 um above the body
-    flat = out - part[:, None] * along - radius * second
-    length = np.linalg.norm(flat, axis=1)
-    high = np.maximum(einsum("ij,ij->i", out, first), 0.0)
-    high *= np.clip(2.0 - high / lift, 0.0, 1.0)
-    exact = np.where(over[:, None], (radius / length - 1.0)[:, None] * flat, -high[:, None] * first)
+    # of the triangle of both rims and the centre: towards the other rim, and away from the body
+    sine = np.minimum(reach / radius, 1.0)[:, None]
+    cosine, tangent = np.sqrt(1.0 - sine * sine), np.cross(along, second)
+    chord, rise = cosine * tangent + sine * second, cosine * second - sine * tangent
+    towards = einsum("ij,ij->i", out, chord)
+    sink, slope = _sink(np.where(over, towards, across), over, _tilt(first, second), reach, far, radius)
     moved, facing = points.copy(), normals.copy()
-    moved[near] -= (there * sink * np.linalg.norm(second - first, axis=1))[:, None] * up
-    settled = moved.copy()
-    settled[near] += close[:, None] * exact
-    own = np.where(over[:, None], -flat / length[:, None], touched.find_along(points[near])[1])
+    moved[near] -= (there * sink)[:, None] * rise
+    # of the ball of the rim, at which the direction to a centre is any between both normals
+    back = radius * second + part[:, None] * along - out
+    own = back / np.linalg.norm(back, axis=1)[:, None]
+    own = np.where(over[:, None], own, touched.find_along(points[near])[1])
     steady = np.where(over, close, there * (1.0 - np.clip(across / far, 0.0, 1.0) ** 2))
-    own = normals[near] + steady[:, None] * (own - normals[near])
-    new = own + (there * turn)[:, None] * np.where(over[:, None], first - second, second - first)
+    rest = np.where((over & (there > 0.0))[:, None], rolling[near], normals[near])
+    own = rest + steady[:, None] * (own - rest)
+    new = own + (there * slope * einsum("ij,ij->i", own, rise))[:, None] * chord
     facing[near] = new / np.maximum(np.linalg.norm(new, axis=1), 1e-12)[:, None]
-    return settled, moved, facing
+    return moved, facing
 
 
-def _sink(s: np.ndarray, over: np.ndarray, half: np.ndarray, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sinking over θ [m] (n) and turn over θ [1] (n), at least 0, at distances s [m] (n) from rims, on the bridge or on
-    the body; half [m] (n) is a, patch [m] (n) is R."""
-    at = np.minimum(s, half)
-    y, scale = np.where(over, half - at, half + s), 0.5 * half / (2.0 * _supported(half / patch)[0])
+def _sink(
+    s: np.ndarray, over: np.ndarray, tilt: np.ndarray, half: np.ndarray, patch: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sinking [m] (n) and its slope towards the other rim [1] (n) at distances s [m] (n) from rims, on the bridge or on
+    the body; tilt [1] (n) is θ, half [m] (n) is a, patch [m] (n) is R."""
+    y = np.where(over, half - np.clip(s, 0.0, half), half + s)
+    height, at = np.sqrt(np.maximum(radius * radius - half * half, 0.0)), np.minimum(y, half)
+    bend = (tilt - arctan2(half, height)) / half
+    arc = np.sqrt(radius * radius - at * at)
+    ball = arc - height + 0.5 * bend * (half * half - at * at)  # 0 on the body
+    deep, scale = radius - height + 0.5 * bend * half * half, 2.0 * _supported(half / patch)[0]
     (ahead, first), (behind, second) = _supported((y + half) / patch), _supported((y - half) / patch)
-    sink, turn = scale * (ahead - behind), scale * (second - first) / patch
-    return np.where(over, sink - at + at * at / (2.0 * half), sink), np.where(over, 1.0 - at / half - turn, turn)
+    slope = deep * (second - first) / (scale * patch) - np.where(over, at / arc + bend * at, 0.0)
+    return deep * (ahead - behind) / scale - ball, slope
 
 
 def _supported(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -267,20 +287,20 @@ def _supported(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unfolded(
-    points: np.ndarray, normals: np.ndarray, moves: list[np.ndarray], turned: np.ndarray, triangles: np.ndarray
+    points: np.ndarray, normals: np.ndarray, moved: np.ndarray, turned: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moved points [m] and turned normals (V,3). Where a triangle would face away from its normals, its vertices take
-    the next one of the moved points [m] (V,3), then `LESS` of the motion, and at last stay as they were: a vertex that
-    stayed at once would fold its neighbours, and these theirs."""
-    stages = np.stack([*moves, *(points + share * (moves[-1] - points) for share in LESS), points])
+    `LESS` of the motion, and at last stay as they were: a vertex that stayed at once would fold its neighbours, and
+    these theirs."""
+    stages = np.stack([moved, *(points + share * (moved - points) for share in LESS), points])
     last = len(stages) - 1
     changed = ((stages != points).any(axis=0) | (turned != normals)).any(axis=1)
     triangles = triangles[changed[triangles].any(axis=1)]  # no other one can fold
     stage, kept, each = np.zeros(len(points), np.int64), np.zeros(len(points), bool), np.arange(len(points))
     for both in (False, True):  # first the points alone, since the normals of what stays are those of its surroundings
         for _ in range(UNFOLDED):
-            moved, facing = stages[stage, each], np.where(kept[:, None], normals, turned)
-            a, b, c = (moved[triangles[:, k]] for k in range(3))
+            now, facing = stages[stage, each], np.where(kept[:, None], normals, turned)
+            a, b, c = (now[triangles[:, k]] for k in range(3))
             back = einsum("ij,ij->i", np.cross(b - a, c - a), facing[triangles].sum(axis=1)) < 0.0
             ends = np.unique(triangles[back])
             ends = ends[(stage[ends] < last) | (both & ~kept[ends])]
