@@ -12,7 +12,6 @@ from typing import IO, Annotated, Any
 
 import msgspec
 import numpy as np
-from mcap.opcode import Opcode
 
 from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
@@ -20,7 +19,8 @@ from palpate.nodes.base import Block, Observer, SettingError, Stream
 from palpate.nodes.base.block import MARGIN
 from palpate.records.format.attached import attach_files
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION, head_alone
-from palpate.records.format.mcap_writer import CHUNK_SIZE, HEAD, Compression, McapWriter, Piece
+from palpate.records.format.mcap_writer import Compression, McapWriter, Piece
+from palpate.records.format.message_head import HEAD, HEAD_LENGTH
 
 LATEST = 1024  # stored ticks of a stream, which separate the messages of a restarted node from earlier ones
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -31,7 +31,6 @@ class _Time(msgspec.Struct, gc=False):
 
 
 _TIME = msgspec.msgpack.Decoder(_Time)
-HEAD_LENGTH = HEAD.itemsize - 9  # [B] of a head, without kind and length of its record
 CHECK = 0.2  # [s] between the recorded messages of a stream that can be recomputed
 
 
@@ -129,7 +128,7 @@ class Mcap(Observer):
         self._notes = []
         self._file: IO[bytes] | None = None
         Path(self.path).parent.mkdir(parents=True, exist_ok=True)
-        self._file = open(self.path, "wb", buffering=CHUNK_SIZE)  # noqa: SIM115 - lives until stop
+        self._file = open(self.path, "wb")  # noqa: SIM115 - lives until stop
         self._writer = McapWriter(self._file, PROFILE, self.compression)
         self._writer.add_metadata("palpate.about", {k: json.dumps(v) for k, v in self.about.items()})
         attach_files(self._writer, self.about.get("files", {}))
@@ -183,25 +182,33 @@ class Mcap(Observer):
             return
         if self._file is None or self._behind():  # the disk is full
             return
-        # Select the messages to write. The thread of the writer makes their records, from a copy of the block.
-        number, kept = block.entries["number"], np.zeros(len(block.entries), bool)
+        # Select the messages to write. The thread of the writer makes their records, in the memory of the block.
+        entries = block.entries
+        kept, number = np.zeros(len(entries), bool), entries["number"].astype(np.uint16)
         rows, counts = np.argsort(number, kind="stable"), np.bincount(number, minlength=len(recorded))
-        ticks, ends = block.entries["tick"][rows], np.cumsum(counts).tolist()
+        ticks, ends = entries["tick"][rows], np.cumsum(counts).tolist()
         for one, begin, end in zip(recorded, [0, *ends], ends, strict=False):
             if one is not None and begin < end:
                 kept[rows[begin:end]] = one.take_all(ticks[begin:end])
-        entries = block.entries[kept]
         try:
-            if len(entries):
-                begin, end = int(entries["begin"][0]) - MARGIN, int(entries["end"][-1])
-                channels = np.array([one.channel if one else 0 for one in recorded])
-                given = kept, channels, block.entries.copy(), block.memory[begin:end].copy(), begin
-                size = int((entries["end"] - entries["begin"]).sum()) + len(entries) * MARGIN
-                self._writer.add_block(partial(_records, *given), size)
+            if kept.any():
+                self._add(block, [one.channel if one else 0 for one in recorded], kept)
             if time.monotonic() > self._due:
                 self._on_time()
         except OSError as error:
             self._give_up(error)
+
+    def _add(self, block: Block, channels: list[int], kept: np.ndarray) -> None:
+        """Pass the messages `kept` (n) of a block to the writer, without a copy of a long block."""
+        entries = block.entries
+        written = entries[kept] if not kept.all() else entries
+        begin, end = int(written["begin"][0]) - MARGIN, int(written["end"][-1])
+        memory = block.memory[begin:end]
+        if 2 * len(memory) < len(block.memory) or not block.claim():  # a short block would waste the rest
+            memory, entries = memory.copy(), entries.copy()
+        size = int((written["end"] - written["begin"]).sum()) + len(written) * MARGIN
+        given = None if written is entries else kept, np.array(channels), entries, memory, begin
+        self._writer.add_block(partial(_records, *given), size)
 
     def _behind(self) -> bool:
         """Whether the disk is too slow, so that messages are dropped: on the real clock no tick waits for the disk."""
@@ -300,16 +307,20 @@ class Mcap(Observer):
             self._notes.append(f"recording {self.path} lacks messages that did not reach it in time: {losses}")
 
 
-def _records(kept: np.ndarray, channels: np.ndarray, entries: np.ndarray, memory: np.ndarray, at: int) -> Piece:
-    """Heads, and records with these heads, of the messages `kept` (n) of a block, whose `memory` begins at `at`."""
-    # Fill in the heads of the records.
-    written = entries[kept]
+def _records(kept: np.ndarray | None, channels: np.ndarray, entries: np.ndarray, memory: np.ndarray, at: int) -> Piece:
+    """Heads, and records with these heads, of the messages `kept` (n) of a block, whose `memory` begins at `at`; None:
+    of all messages."""
+    # Set the channels in the heads of the records.
+    written = entries if kept is None else entries[kept]
     heads = np.zeros(len(written), HEAD)
-    heads["kind"], heads["length"] = Opcode.MESSAGE, written["end"] - written["begin"] + HEAD_LENGTH
-    heads["channel"], heads["tick"] = channels[written["number"]], written["tick"]
-    heads["time"] = heads["at"] = np.maximum(written["time"], 0)
+    heads["length"] = written["end"] - written["begin"] + HEAD_LENGTH
+    heads["channel"], heads["time"] = channels[written["number"]], np.maximum(written["time"], 0)
     begins, ends = written["begin"] - at - MARGIN, written["end"] - at
-    np.ndarray(len(memory) - MARGIN + 1, HEAD, memory, strides=(1,))[begins] = heads
+    at_channel = HEAD.fields["channel"][1]  # type: ignore[index]
+    places = np.ndarray(len(memory) - MARGIN + 1, "<u2", memory, at_channel, strides=(1,))
+    places[begins] = heads["channel"]
+    if kept is None:
+        return heads.data.cast("B"), memory.data[: ends[-1]]
     # Pass each run of consecutive messages as one piece.
     last = np.flatnonzero(np.diff(np.flatnonzero(kept), append=-1) != 1)
     first = np.concatenate(([0], last[:-1] + 1))

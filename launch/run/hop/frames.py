@@ -246,5 +246,5 @@ def pick(entries, count, memory, places, to):
         length = given.end - given.begin
         made.number, made.tick, made.time = 0, given.tick, given.time
         made.begin, made.end = at + MARGIN, at + MARGIN + length
-        copy(to + made.begin, memory + given.begin, length)
+        copy(to + at, memory + given.begin - MARGIN, MARGIN + length)
         at += MARGIN + length

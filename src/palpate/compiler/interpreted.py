@@ -137,7 +137,7 @@ def copy(to: int, source: int, count: int) -> int:
 
 def set_big(to: int, value: int) -> int:
     """As `memory.set_big`."""
-    ctypes.memmove(int(to), struct.pack(">q", value), 8)
+    ctypes.memmove(int(to), struct.pack(">Q", value & (1 << 64) - 1), 8)  # as a shift of 64 bits leaves it
     return to + 8
 
 

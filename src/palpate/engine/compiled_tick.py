@@ -15,9 +15,11 @@ from palpate.engine.schedule import FRESH, MISSED, OLD
 from palpate.engine.table import CLOCK, FAULT, INFINITE, INPUT, LANE, OUTPUT, RAISED, ROW, TAP
 from palpate.messages.record import HEAD
 from palpate.nodes.base.block import ENTRY, MARGIN
+from palpate.records.format import message_head
+from palpate.records.format.message_head import HEAD_LENGTH, MESSAGE
 
 row_at, input_at, output_at, entry_at = pointer(ROW), pointer(INPUT), pointer(OUTPUT), pointer(ENTRY)
-lane_at, tap_at = pointer(LANE), pointer(TAP)
+lane_at, tap_at, margin_at = pointer(LANE), pointer(TAP), pointer(message_head.HEAD)
 clock_at, head_at = pointer(CLOCK), pointer(np.dtype(HEAD, align=True))
 ROW_SIZE, INPUT_SIZE, OUTPUT_SIZE, ENTRY_SIZE = (form.itemsize for form in (ROW, INPUT, OUTPUT, ENTRY))
 LANE_SIZE, TAP_SIZE = LANE.itemsize, TAP.itemsize
@@ -116,6 +118,9 @@ def journal_outputs(row, now, clock):
             entry = entry_at(clock.entry + clock.entries * ENTRY_SIZE)
             entry.number, entry.tick, entry.begin = line.number, now, clock.length
             entry.time = head_at(line.record).time
+            margin = margin_at(begin - MARGIN)
+            margin.kind, margin.length, margin.tick = MESSAGE, HEAD_LENGTH + (end - begin), now
+            margin.time = margin.at = max(entry.time, 0)
             clock.length += end - begin
             clock.entries, entry.end = clock.entries + 1, clock.length
     return True

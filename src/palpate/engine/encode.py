@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate.compiler.kernel import kernel
-from palpate.compiler.memory import copy, pointer, set_big, word
+from palpate.compiler.memory import big, copy, pointer, set_big, word
 from palpate.engine.wire_plan import ARRAY, DELAYED, FLAG, FLOATS, INTEGER, MAP, STEP, USED, VECTOR, WORD
 
 step_at, STEP_SIZE = pointer(STEP), STEP.itemsize
@@ -19,9 +19,16 @@ def _put(at, value):
 
 @kernel
 def _big(at, value, count):
-    """Write an integer of `count` bytes, big-endian."""
-    for i in range(count):
-        byte(at + i).value = (value >> (8 * (count - 1 - i))) & 0xFF
+    """Write an integer of `count` bytes, big-endian, and up to 7 bytes more, which the next value overwrites."""
+    set_big(at, value << (64 - 8 * count))
+    return at + count
+
+
+@kernel
+def _literal(at, source, count):
+    """Copy bytes, and up to 7 more (`SLACK`), which the next value overwrites: faster than a call of `memcpy`."""
+    for i in range(0, count, 8):
+        set_big(at + i, big(source + i))
     return at + count
 
 
@@ -86,7 +93,7 @@ def encoded_size(steps, count, record, most):
 
 @kernel
 def encode(steps, count, literals, record, used, inputs, at):
-    """Write a message to the address `at`. Returns the address after it.
+    """Write a message to the address `at`. Returns the address after it; up to `SLACK` bytes behind it are changed.
 
     steps, count, literals  address and number of the steps of a `WirePlan`, address of its literal bytes
     record                  address of the message
@@ -109,7 +116,7 @@ def encode(steps, count, literals, record, used, inputs, at):
             continue
         if step.kind == DELAYED and word(value) == 0:
             continue
-        at = copy(at, literals + step.first, step.length)
+        at = _literal(at, literals + step.first, step.length)
         if step.kind == FLOATS:
             at = _floats(at, value, step.count)
         elif step.kind == INTEGER or step.kind == DELAYED:
@@ -124,7 +131,7 @@ def encode(steps, count, literals, record, used, inputs, at):
             at = _array(at, value, step.count, step.size)
         elif step.kind == WORD:
             entry = literals + step.more + 32 * word(value)
-            at = copy(at, entry + 1, byte(entry).value)
+            at = _literal(at, entry + 1, byte(entry).value)
         elif step.kind == USED:
             at = _header(at, inputs, 0x90, 0xDC)
             for i in range(inputs):

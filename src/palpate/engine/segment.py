@@ -6,6 +6,7 @@ observer or the live view. The host gathers messages from other senders, as for 
 
 import ctypes
 import math
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from time import perf_counter_ns
 from typing import Any, NamedTuple
@@ -74,9 +75,8 @@ class CompiledSegment:
         self._clock = np.zeros(1, CLOCK)
         self._clock["rate"], self._clock["real"] = rate, real
         self._clock["last"], self._clock["resume"] = len(slots), -1
-        self._journal, self._entries = np.zeros(1 << 20, np.uint8), np.zeros(1 << 14, ENTRY)
-        self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
-        self._clock["entry"], self._clock["most"] = self._entries.ctypes.data, len(self._entries)
+        self._claimed: list[tuple[np.ndarray, np.ndarray]] = []  # journals that a receiver keeps, or has kept
+        self._write_to(np.zeros(1 << 20, np.uint8), np.zeros(1 << 14, ENTRY))
         for slot in slots:
             for port in slot.inputs:
                 port.inside = isinstance(port.output, RecordOutput) and port.output.joined and not port.behind
@@ -298,8 +298,8 @@ class CompiledSegment:
                 return
             tick = int(self._clock["tick"][0])
             if not self.hand_over():  # the journal is too small for one message
-                self._journal = np.zeros(2 * len(self._journal), np.uint8)
-                self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
+                self._claimed = []  # and these too
+                self._write_to(np.zeros(2 * len(self._journal), np.uint8), self._entries)
 
     def node_error(self) -> NodeError:
         """The error of the node that failed."""
@@ -308,8 +308,26 @@ class CompiledSegment:
 
     def block(self) -> Block | None:
         """The messages in the journal; None: it is empty."""
-        count = int(self._count[0])
-        return Block(self._streams, self._entries[:count], self._journal) if count else None
+        count, journal = int(self._count[0]), self._journal
+        return Block(self._streams, self._entries[:count], journal, lambda: self._claim(journal)) if count else None
+
+    def _claim(self, journal: np.ndarray) -> bool:
+        """Leave the journal to a receiver, and continue with one that no receiver keeps any more; its pages exist."""
+        if journal is not self._journal:
+            return False
+        self._claimed.append((journal, self._entries))
+        unused = [k for k, pair in enumerate(self._claimed) if _references(pair) == _UNUSED]
+        if unused:
+            self._write_to(*self._claimed.pop(unused[0]))
+        else:
+            self._write_to(np.zeros(len(journal), np.uint8), np.zeros(len(self._entries), ENTRY))
+        return True
+
+    def _write_to(self, journal: np.ndarray, entries: np.ndarray) -> None:
+        """Set the memory of the journal."""
+        self._journal, self._entries = journal, entries
+        self._clock["journal"], self._clock["room"] = journal.ctypes.data, len(journal)
+        self._clock["entry"], self._clock["most"] = entries.ctypes.data, len(entries)
 
     def clear(self) -> None:
         """Empty the journal."""
@@ -383,6 +401,14 @@ class CompiledSegment:
             health.absent += int(row["absent"])
             health.lost += int(row["lost"])
             row["steps"] = row["asleep"] = row["held"] = row["absent"] = row["lost"] = 0
+
+
+def _references(arrays: tuple[np.ndarray, np.ndarray]) -> int:
+    """Number of references to the arrays of a pair, also of views; `_UNUSED` if there are no others."""
+    return sys.getrefcount(arrays[0]) + sys.getrefcount(arrays[1])
+
+
+_UNUSED = _references((np.zeros(0), np.zeros(0)))
 
 
 def table_runner(real: bool) -> Callable[..., Any]:

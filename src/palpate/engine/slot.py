@@ -450,7 +450,7 @@ class ObserverSlot:
         except BaseException as error:
             raise NodeError(self.name, f"messages up to tick {tick}", error) from error
         last = np.full(len(block.streams), -1)
-        np.maximum.at(last, entries["number"], entries["tick"])
+        last[entries["number"]] = entries["tick"]  # ascending
         self.last |= {s: t for s, t in zip(block.streams, last.tolist(), strict=True) if t >= 0}
         self._count(tick, begun, len(entries))
 

@@ -21,6 +21,8 @@ more    offset of the table of words; for an array 1 if an empty one is omitted
 count   of numbers, axes of an array, words, or fields of the map;  size [bytes] of an element
 axes    of an array: index of the first of its lengths in `WirePlan.axes`
 """
+SLACK = 8
+"""Bytes behind the literals and behind an encoded message that the encoder may read or change."""
 _pack = msgspec.msgpack.encode
 
 
@@ -56,7 +58,7 @@ class WirePlan:
             else:
                 steps.append(self._field(given[name], record, key, name in rare))
         self.steps = np.array(steps, STEP)
-        self.literals = np.frombuffer(bytes(self._literals), np.uint8)
+        self.literals = np.frombuffer(bytes(self._literals) + bytes(SLACK), np.uint8)
         self.axes, self.letters = np.array(self._axes, np.int64), len(self._letters)
         self.most = 2 * record.itemsize + len(self.literals) + 256
 

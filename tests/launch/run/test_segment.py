@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -24,7 +24,9 @@ from palpate.launch.run.work.real import _RealClock
 from palpate.launch.run.work.worker import Worker
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose, Proximity, unpack
 from palpate.nodes.base import CompiledNode, Node, Out, Wants
+from palpate.nodes.base.block import ENTRY, MARGIN
 from palpate.nodes.friction import LuGre
+from palpate.records.format.message_head import HEAD, HEAD_LENGTH, MESSAGE
 
 TOUCH = (
     "scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.110]",
@@ -34,10 +36,13 @@ TOUCH = (
 
 
 class PythonLuGre(Node):
-    """LuGre friction in a custom node: Python between two compiled nodes."""
+    """LuGre friction in a custom node, with the settings of the graph: Python between two compiled nodes."""
+
+    given: ClassVar[dict[str, Any]] = {}
 
     def start(self) -> None:
-        self.law = LuGre(play=30e-6)
+        self.law = LuGre(**self.given)
+        self.law.wanted = frozenset()
         self.law.start()
 
     def step(
@@ -82,6 +87,17 @@ def made(overrides: tuple[str, ...] = (), ticks: int = 300, clock: str = "simula
     return Worker(msgspec.structs.replace(job, external=streams), None, lambda report: None)
 
 
+def observe_all(worker: Worker) -> None:
+    """Deliver each message of a started worker, as for an observer of all streams."""
+    for slot in worker.slots:
+        slot.period, slot.sends = 1, 0
+        for output in slot.outputs:
+            output.period = 1
+    for part in worker.parts:
+        if isinstance(part, CompiledSegment):
+            part.listen()
+
+
 def sent(worker: Worker) -> tuple[dict[str, list[bytes]], dict[str, tuple[int, ...]]]:
     """The payloads of each stream, and the counters of each node."""
     payloads: dict[str, list[bytes]] = {}
@@ -92,6 +108,7 @@ def sent(worker: Worker) -> tuple[dict[str, list[bytes]], dict[str, tuple[int, .
     worker._deliver_answer = deliver  # type: ignore[method-assign]
     worker._deliver_block = lambda block: [deliver(worker.outputs[s], t, p) for s, t, p in block.messages()]  # type: ignore[method-assign]
     worker.start()
+    observe_all(worker)
     run(worker, 0)
     for part in worker.parts:
         if isinstance(part, CompiledSegment):
@@ -102,6 +119,7 @@ def sent(worker: Worker) -> tuple[dict[str, list[bytes]], dict[str, tuple[int, .
         lacks = health.lost, health.held, health.absent
         counts[slot.name] = health.step.count + health.counted, health.asleep, *lacks, health.tick
     worker.stop()
+    assert set(payloads) == set(worker.outputs)
     return payloads, counts
 
 
@@ -126,8 +144,11 @@ def test_a_segment_sends_the_same_bytes_as_its_nodes_one_by_one(overrides, monke
     assert together == sent(made(overrides))
 
 
-def test_python_between_compiled_nodes_changes_no_bit():
-    assert sent(made())[0] == sent(made((f"friction.use={__name__}.PythonLuGre",)))[0]
+def test_python_between_compiled_nodes_changes_no_bit(monkeypatch):
+    worker = made()
+    settings = next(slot.job.settings for slot in worker.slots if slot.name == "friction")
+    monkeypatch.setattr(PythonLuGre, "given", settings)
+    assert sent(worker)[0] == sent(made((f"friction.use={__name__}.PythonLuGre",)))[0]
 
 
 def test_a_full_journal_is_emptied_and_the_segment_continues(monkeypatch):
@@ -141,6 +162,46 @@ def test_a_full_journal_is_emptied_and_the_segment_continues(monkeypatch):
 
     monkeypatch.setattr(CompiledSegment, "__init__", small)
     assert whole == sent(made())
+
+
+def test_a_receiver_keeps_the_memory_of_a_block_that_it_claims(monkeypatch):
+    """One receiver may claim a block. Its memory stays as it is until the receiver drops it; then it is used again."""
+    init = CompiledSegment.__init__
+
+    def small(self, *given):
+        init(self, *given)
+        self._write_to(np.zeros(30_000, np.uint8), np.zeros(100, ENTRY))
+
+    monkeypatch.setattr(CompiledSegment, "__init__", small)
+    whole, worker = sent(made())[0], made()
+    payloads: dict[str, list[bytes]] = {}
+    kept: list[tuple[list[str], np.ndarray, np.ndarray]] = []
+    journals, blocks = set(), 0
+
+    def read(streams, entries, memory):
+        for number, tick, time, begin, end in entries.tolist():
+            head = memory[begin - MARGIN : begin].view(HEAD)[0]
+            assert head.tolist() == (MESSAGE, HEAD_LENGTH + end - begin, head["channel"], tick, time, time)
+            payloads.setdefault(streams[number], []).append(memory[begin:end].tobytes())
+
+    def keep(block):
+        nonlocal blocks
+        blocks += 1
+        journals.add(block.memory.ctypes.data)
+        assert block.claim() and not block.claim()
+        kept.append((list(block.streams), block.entries, block.memory[:]))
+        if len(kept) == 3:
+            read(*kept.pop(0))
+
+    worker._deliver_block = keep  # type: ignore[method-assign]
+    worker.start()
+    observe_all(worker)
+    run(worker, 0)
+    worker.stop()
+    for block in kept:
+        read(*block)
+    assert payloads == whole
+    assert blocks > 20 and len(journals) <= 5
 
 
 def test_the_steps_of_nodes_are_timed_at_some_ticks():

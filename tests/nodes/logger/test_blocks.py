@@ -14,6 +14,7 @@ from palpate.nodes.base.block import ENTRY, MARGIN
 from palpate.nodes.logger import Mcap
 from palpate.nodes.logger.mcap import RecordedStream
 from palpate.records.format.mcap_writer import CHUNK_SIZE, IN_FLIGHT
+from palpate.records.format.message_head import HEAD, HEAD_LENGTH, MESSAGE
 from palpate.records.stored import Stored
 
 STREAMS = {"fast": 1, "slow": 3, "thinned": 1, "left": 1}
@@ -37,7 +38,8 @@ def block(ticks: range, gone: set[int], size: int = 0) -> Block:
                 continue
             payload = pack(DeviceState(tick=tick, time=1000 * tick, source=name + size * "x"))
             begin = len(memory) + MARGIN
-            memory += bytes(MARGIN) + payload
+            head = np.array((MESSAGE, HEAD_LENGTH + len(payload), 0, tick, 1000 * tick, 1000 * tick), HEAD)
+            memory += head.tobytes() + payload
             entries.append((number, tick, 1000 * tick, begin, len(memory)))
     return Block(list(STREAMS), np.array(entries, ENTRY), np.frombuffer(memory, np.uint8))
 

@@ -13,6 +13,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from itertools import pairwise
 from typing import IO, Any, Literal
 
 import lz4.frame
@@ -22,6 +23,8 @@ from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
+from palpate.records.format.message_head import HEAD, HEAD_LENGTH
+
 MAGIC = b"\x89MCAP0\r\n"
 LIBRARY = "palpate, sealed"  # in the header of a file: its metadata have checksums
 SEAL = "crc32"
@@ -29,11 +32,7 @@ CHUNK_SIZE = 1 << 20  # [B]
 IN_FLIGHT = 4  # chunks that may wait for the disk; then the caller blocks, so that memory stays bounded
 LEVEL = -3  # of zstd: level 1 takes 2.4 × as long for 4 % less, since most bits of doubles are random
 
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length; channel, sequence number, two times
-HEAD = np.dtype(
-    [("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("tick", "<u4"), ("time", "<u8"), ("at", "<u8")]
-)
-"""Head of a message record, before its payload."""
+_MESSAGE = struct.Struct("<BQHIQQ")  # a `HEAD`
 _CHUNK = struct.Struct("<BQQQQI")  # opcode, length; first and last time, bytes unpacked, their checksum
 _INDEX = struct.Struct("<BQHI")  # opcode, length; channel, bytes of entries
 _RECORD = 9  # [B] opcode and length of a record
@@ -43,11 +42,12 @@ Piece = tuple[Any, ...]
 """The heads of messages, then the records of these messages, as bytes."""
 
 Compression = Literal["zstd", "lz4", "none"]
-_COMPRESS: dict[Compression, Callable[[Any], bytes]] = {
-    "zstd": lambda data: zstandard.ZstdCompressor(level=LEVEL).compress(data),
-    "lz4": lz4.frame.compress,
-    "none": lambda data: data,
+_COMPRESS: dict[Compression, Callable[[], Callable[[Any], bytes]]] = {
+    "zstd": lambda: zstandard.ZstdCompressor(level=LEVEL).compress,
+    "lz4": lambda: lz4.frame.compress,
+    "none": lambda: lambda data: data,
 }
+"""Make a function that compresses chunks, and keeps its workspace for the next one."""
 
 
 def seal(name: str, data: dict[str, str]) -> str:
@@ -65,7 +65,7 @@ class McapWriter:
 
     def __init__(self, file: IO[bytes], profile: str, compression: Compression = "zstd") -> None:
         self._file, self._name = file, "" if compression == "none" else compression
-        self._compress = _COMPRESS[compression]
+        self._compress = _COMPRESS[compression]()
         self._thread = ThreadPoolExecutor(1, "recording", _calm)
         self._waiting: deque[Future[None]] = deque()
         self._at = self._checksum = 0
@@ -98,7 +98,7 @@ class McapWriter:
 
     def add_message(self, channel: int, tick: int, time: int, payload: bytes) -> None:
         """Add a message; `time` [ns]."""
-        length = 22 + len(payload)
+        length = HEAD_LENGTH + len(payload)
         head = _MESSAGE.pack(Opcode.MESSAGE, length, channel, tick & 0xFFFFFFFF, time, time)
         self._pieces.append((head, head, payload))
         self._size += length
@@ -106,10 +106,11 @@ class McapWriter:
             self.close_chunk()
 
     def add_block(self, make: Callable[[], Piece], size: int) -> None:
-        """Add message records of `size` bytes, which the thread makes."""
+        """Add message records of `size` bytes, which the thread makes. A large block ends its chunk, so that it need not
+        be joined with others."""
         self._pieces.append(make)
         self._size += size
-        if self._size > CHUNK_SIZE:
+        if 2 * size > CHUNK_SIZE or self._size > CHUNK_SIZE:
             self.close_chunk()
 
     @property
@@ -237,9 +238,11 @@ def _entries(heads: np.ndarray, begin: int) -> Iterable[tuple[int, np.ndarray]]:
     entries = np.empty(len(heads), _ENTRY)
     entries["time"] = heads["time"]
     entries["place"] = np.cumsum(sizes) - sizes + np.uint64(begin)
-    channels = heads["channel"].astype(np.int64)
-    for channel in np.flatnonzero(np.bincount(channels)).tolist():
-        yield channel, entries[channels == channel]
+    channels = heads["channel"].copy()
+    entries, ends = entries[np.argsort(channels, kind="stable")], np.cumsum(np.bincount(channels)).tolist()
+    for channel, (begin, end) in enumerate(pairwise([0, *ends])):
+        if begin < end:
+            yield channel, entries[begin:end]
 
 
 def record_bytes(record: records.McapRecord) -> bytes:
