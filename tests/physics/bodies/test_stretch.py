@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.nodes.base.surface import surface_mesh
-from palpate.physics.bodies.stretch import StretchWorkspace, limit_stretch, neighbours
+from palpate.physics.bodies.stretch import StretchWorkspace, _excess, limit_stretch, neighbours
 
 MESH = surface_mesh("kidney", 2000)
 JOINED = neighbours(MESH)
@@ -17,9 +17,8 @@ def held(nodes, vectors, limit=0.8):
     place = np.full(SIZE, -1)
     place[nodes] = np.arange(len(nodes))
     shortened = np.ascontiguousarray(vectors, float).copy()
-    shorter = limit_stretch(
-        shortened, len(nodes), limit, JOINED, place, nodes.astype(np.int32), StretchWorkspace.of(SIZE)
-    )
+    room, least = StretchWorkspace.of(SIZE), JOINED.spans.min()
+    shorter = limit_stretch(shortened, len(nodes), limit, least, JOINED, place, nodes.astype(np.int32), room)
     return shortened, shorter
 
 
@@ -56,6 +55,23 @@ def test_no_edge_passes_the_limit_and_every_vector_keeps_its_direction(centre, r
     assert (after <= before * (1 + 1e-12)).all()
     assert np.allclose(shortened * before[:, None], wanted * after[:, None], atol=1e-15)
     assert (shorter > 0) == (furthest(nodes, wanted) > limit)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, SIZE), st.floats(0.45, 1.2), st.floats(0.0, 1.0))
+def test_the_largest_excess_is_that_over_all_edges(seed, count, size, spread):
+    """Vectors in all directions, about as long as the limit of the shortest edge or half of it: no edge that exceeds
+    the limit is left out."""
+    rng, limit, shortest = np.random.default_rng(seed), 0.8, JOINED.spans.min()
+    nodes = rng.choice(SIZE, count, replace=False)
+    vectors = rng.normal(size=(count, 3))
+    vectors *= size * limit * shortest / np.linalg.norm(vectors, axis=1, keepdims=True)
+    vectors *= rng.uniform(1.0 - spread, 1.0, (count, 1))
+    place = np.full(SIZE, -1)
+    place[nodes] = np.arange(count)
+    room = np.full(SIZE, np.nan)
+    found = _excess(vectors, count, limit, shortest, JOINED, place, nodes.astype(np.int32), room)
+    assert found == pytest.approx(min(1.0, limit / furthest(nodes, vectors)), rel=1e-8)
 
 
 def test_a_field_within_the_limit_is_not_changed():

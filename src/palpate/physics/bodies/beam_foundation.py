@@ -77,6 +77,7 @@ class Skin(NamedTuple):
     edges: Neighbours
     sideways: Annotated[np.ndarray, "<f8", 2]
     room: StretchWorkspace
+    shortest: float  # [m] edge of the surface
 
 
 class FoundationState(NamedTuple):
@@ -187,7 +188,8 @@ def beam_foundation(
         np.zeros((count, h)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count), np.zeros(count, np.int32),
         np.zeros((count, 3)), np.full(count, -1, np.int64), np.zeros(h), np.zeros(2, np.int64),
     )  # fmt: skip
-    skin = Skin(neighbours(mesh), np.zeros((count, 3)), StretchWorkspace.of(count))
+    edges = neighbours(mesh)
+    skin = Skin(edges, np.zeros((count, 3)), StretchWorkspace.of(count), float(edges.spans.min(initial=math.inf)))
     return BeamFoundation(beams, moving, skin, spreader(mesh, radius), radius, foundation_contacts(contacts, count))
 
 

@@ -132,18 +132,19 @@ def foundation_step(dt: float, count: int, beams: Record, moving: Record, contac
 @kernel
 def limit_displacement(count: int, beams: Record, moving: Record, skin: Record):
     """Limit the sent displacement: along the surface, then as a whole. Returns the number of limited vertices."""
-    moved, sideways = moving.moved, skin.sideways
+    moved, sideways, edges, shortest = moving.moved, skin.sideways, skin.edges, skin.shortest
+    place, nodes, room = moving.place, moving.nodes, skin.room
     for k in range(count):
         normal = beams.normals[moving.nodes[k]]
         along = dot(moved[k], normal)
         for a in range(3):
             sideways[k, a] = moved[k, a] - along * normal[a]
             moved[k, a] -= sideways[k, a]
-    limited = limit_stretch(sideways, count, MOST_SIDEWAYS, skin.edges, moving.place, moving.nodes, skin.room)
+    limited = limit_stretch(sideways, count, MOST_SIDEWAYS, shortest, edges, place, nodes, room)
     for k in range(count):
         for a in range(3):
             moved[k, a] += sideways[k, a]
-    return max(limited, limit_stretch(moved, count, MOST_APART, skin.edges, moving.place, moving.nodes, skin.room))
+    return max(limited, limit_stretch(moved, count, MOST_APART, shortest, edges, place, nodes, room))
 
 
 @kernel

@@ -272,7 +272,7 @@ def displace_fine(body: CondensedBody):
     for c in range(len(feet)):
         count, touched = body.counts[c, 0], body.counts[c, 1]
         add_field(model, u, body.fields[c], body.marks[c], count, touched, normals[c], body.contacts[c])
-    sent = interpolate_fine(model.corners, model.weights, u, fine.reach, feet, fine.sent, fine.nodes, fine.moved)
+    sent = interpolate_fine(model.corners, model.weights, u, fine.reach, feet, fine.listed, fine.nodes, fine.moved)
     for c in range(len(feet)):
         add_half_space(model, feet[c], normals[c], body.contacts[c], fine.nodes[:sent], fine.moved)
     return sent

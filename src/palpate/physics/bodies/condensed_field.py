@@ -26,12 +26,9 @@ def add_field(
             if narrowed:  # twice, as displacements are also averaged with the hat functions
                 room[v, i] += 2.0 * (share[v, 1] - share[v, 0]) * press * (side[i] - normal[i])
     for k in range(count):
-        b = active[k]
         for i in range(3):
-            room[b, i] += held[b, i]
-        _add_three(u.reshape(-1), model.compliance, b, room[b], model.young)
-    for k in range(touched):
-        _add_three(u.reshape(-1), model.compliance, order[k], room[order[k]], model.young)
+            room[active[k], i] += held[active[k], i]
+    _add_rows(u.reshape(-1), model.compliance, active[:count], order[:touched], room, model.young)
     if len(true.table) > 0:
         n0, n1, n2 = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
         hats = np.zeros(len(u), dtype=np.float32)
@@ -48,15 +45,29 @@ def add_field(
 
 
 @ieee_kernel
-def _add_three(field: Array, rows: Matrix, v: int, force: Array, young: float):
-    """Add rows 3v, 3v + 1, 3v + 2 times a force (3) over `young` to a field; sets the force to 0."""
-    f0, f1, f2 = np.float32(force[0] / young), np.float32(force[1] / young), np.float32(force[2] / young)
-    force[:] = 0.0
-    if f0 == 0.0 and f1 == 0.0 and f2 == 0.0:
-        return
-    first, second, third = rows[3 * v], rows[3 * v + 1], rows[3 * v + 2]
-    for k in range(len(field)):  # one pass over the field
-        field[k] += f0 * first[k] + f1 * second[k] + f2 * third[k]
+def _add_rows(field: Array, rows: Matrix, active: Indices, order: Indices, forces: Matrix, young: float):
+    """For each vertex v of two lists add rows 3v, 3v + 1, 3v + 2 times its force over `young` to a field, one vertex
+    after the other; sets the force to 0. Two vertices share a pass over the field, which takes 80 % of the time."""
+    waits, f0, f1, f2 = -1, np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for k in range(len(active) + len(order)):
+        v = active[k] if k < len(active) else order[k - len(active)]
+        force = forces[v]
+        g0, g1, g2 = np.float32(force[0] / young), np.float32(force[1] / young), np.float32(force[2] / young)
+        force[:] = 0.0
+        if g0 == 0.0 and g1 == 0.0 and g2 == 0.0:
+            continue
+        if waits < 0:
+            waits, f0, f1, f2 = v, g0, g1, g2
+            continue
+        a, b, c = rows[3 * waits], rows[3 * waits + 1], rows[3 * waits + 2]
+        d, e, f = rows[3 * v], rows[3 * v + 1], rows[3 * v + 2]
+        for j in range(len(field)):
+            field[j] = field[j] + (f0 * a[j] + f1 * b[j] + f2 * c[j]) + (g0 * d[j] + g1 * e[j] + g2 * f[j])
+        waits = -1
+    if waits >= 0:
+        a, b, c = rows[3 * waits], rows[3 * waits + 1], rows[3 * waits + 2]
+        for j in range(len(field)):
+            field[j] += f0 * a[j] + f1 * b[j] + f2 * c[j]
 
 
 @ieee_kernel

@@ -236,10 +236,12 @@ def take_load(
             state[slot].load[k] += forces[i, k]
         total -= dot(forces[i], normal)
     peak = 0.0
-    for slot in range(count):
-        push = -dot(state[slot].load, normal)
-        if push > 0.0:
-            peak = max(peak, push * per_area[active[slot]])
+    for i in range(nodes.size):
+        node = nodes[i]
+        if 0 <= node < where.size:
+            push = -dot(state[where[node]].load, normal)
+            if push > 0.0:
+                peak = max(peak, push * per_area[node])
     return max(total, 0.0), peak, count
 
 
@@ -281,7 +283,7 @@ def nodal_step(
     gain = 1.0 / (k_t + d_t / dt)
     keep = gain * d_t / dt
     share = total / peak if peak > 0.0 else 0.0
-    widest = 0.0
+    widest, rested = 0.0, False
     for slot in range(count):
         node = state[slot]
         push, u = -dot(node.load, normal), node.indentation
@@ -297,15 +299,25 @@ def nodal_step(
                 along[slot, k] += scale * (node.load[k] + push * normal[k])
         else:
             node.indentation = free_recovery(u, rest * u, damping, dt)
+            rested |= _is_rested(node, along, slot)
         widest = max(widest, along[slot, 0] ** 2 + along[slot, 1] ** 2 + along[slot, 2] ** 2)
     # limit differences between neighbours, remove recovered nodes, add both parts of the displacement
     if 2.0 * math.sqrt(widest) > MOST_STRAIN * law.shortest:
-        limit_stretch(along, count, MOST_STRAIN, edges, where, active, room)
-    count = drop_rested(where, active, state, along, count)
+        rested |= limit_stretch(along, count, MOST_STRAIN, law.shortest, edges, where, active, room) > 0
+    if rested:
+        count = drop_rested(where, active, state, along, count)
     for slot in range(count):
         for k in range(3):
             out[slot, k] = along[slot, k] - state[slot].indentation * state[slot].normal[k]
     return count
+
+
+@ieee_kernel
+def _is_rested(spring: Record, along: Matrix, slot: int):
+    """Whether a node has no load and no displacement."""
+    square = spring.indentation**2 + along[slot, 0] ** 2 + along[slot, 1] ** 2 + along[slot, 2] ** 2
+    idle = spring.load[0] == 0.0 and spring.load[1] == 0.0 and spring.load[2] == 0.0
+    return idle and square < AT_REST * AT_REST
 
 
 @ieee_kernel
@@ -314,9 +326,7 @@ def drop_rested(where: Indices, active: Indices, state: Record, along: Matrix, c
     kept = 0
     for slot in range(count):
         node, spring = active[slot], state[slot]
-        square = spring.indentation**2 + along[slot, 0] ** 2 + along[slot, 1] ** 2 + along[slot, 2] ** 2
-        idle = spring.load[0] == 0.0 and spring.load[1] == 0.0 and spring.load[2] == 0.0
-        if idle and square < AT_REST * AT_REST:
+        if _is_rested(spring, along, slot):
             where[node] = -1
             continue
         if kept != slot:

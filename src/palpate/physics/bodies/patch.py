@@ -25,12 +25,31 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
     return corners, weights / weights.sum(axis=1, keepdims=True)
 
 
+NEAR = 2e-3  # [m] Largest movement of the feet for which the vertices that may be sent stay listed
+MOST_FEET = 16  # with more feet they are listed in each step
+
+
+class Listed(NamedTuple):
+    """The vertices that may be sent while no foot moves farther than `NEAR`: their list is a cache."""
+
+    vertices: Annotated[np.ndarray, "<i4", 1]  # (N,) ascending
+    count: Annotated[np.ndarray, "<i8", 1]  # (2,) number of them, and of the feet
+    feet: Annotated[np.ndarray, "<f8", 2]  # [m] (MOST_FEET,3) at which they were listed
+    flags: Annotated[np.ndarray, "|u1", 1]  # workspace: N rounded up to a multiple of 8, zero beyond the vertices
+
+
+def listed(size: int) -> Listed:
+    """An empty list for `size` vertices."""
+    flags = np.zeros(-(-size // 8) * 8, np.uint8)
+    return Listed(np.zeros(size, np.int32), np.zeros(2, np.int64), np.zeros((MOST_FEET, 3)), flags)
+
+
 class FineMesh(NamedTuple):
     """The mesh of loads and displacements of a body that is condensed to a coarse surface."""
 
     spreader: Spreader  # of the patch of the terminal law without load
     reach: Annotated[np.ndarray, "<f4", 2]  # see `reaches`
-    sent: Annotated[np.ndarray, "|u1", 1]
+    listed: Listed
     nodes: Annotated[np.ndarray, "<i4", 1]  # (N,) filled by `interpolate_fine`
     moved: Annotated[np.ndarray, "<f8", 2]  # [m] (N,3)
 
@@ -40,7 +59,7 @@ def fine_mesh(mesh: Mesh, radius: float, reach: float) -> FineMesh:
     displacements are sent, fewer beyond it."""
     count = len(mesh.vertices)
     return FineMesh(
-        spreader(mesh, radius), *reaches(mesh.vertices, ranges(mesh.vertices, reach)),
+        spreader(mesh, radius), reaches(mesh.vertices, ranges(mesh.vertices, reach)), listed(count),
         np.zeros(count, np.int32), np.zeros((count, 3)),
     )  # fmt: skip
 
@@ -110,26 +129,62 @@ def load_radius(vertices: Matrix, patch: Indices, pull: Matrix, normal: Vector3,
     return 2.0 * np.sqrt(max(square, floor)), max(narrower, 0.0)
 
 
-def reaches(vertices: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def reaches(vertices: np.ndarray, within: np.ndarray) -> np.ndarray:
     """Coordinates [m] of each vertex and the squared distance [m²] from a foot within which it is sent, as rows (4,N)
-    in single precision; and the workspace of `interpolate_fine`."""
-    rows = np.ascontiguousarray(np.concatenate([vertices.T, within[None] ** 2]), dtype=np.float32)
-    return rows, np.zeros(-(-len(vertices) // 8) * 8, dtype=np.uint8)
+    in single precision."""
+    return np.ascontiguousarray(np.concatenate([vertices.T, within[None] ** 2]), dtype=np.float32)
 
 
 @ieee_kernel
-def _within(reach: Matrix, foot: Array, more: bool, sent: Indices):
-    """Flag the vertices to send for a foot [m] (3), in addition to those flagged if `more`."""
+def _flag_near(reach: Matrix, foot: Array, more: bool, flags: Indices):
+    """Flag the vertices that a foot [m] (3) can reach within `NEAR`, in addition to those flagged if `more`. The limit
+    is wider by a tenth of it, for the rounding in single precision."""
     x, y, z, square = reach[0], reach[1], reach[2], reach[3]
     f0, f1, f2 = np.float32(foot[0]), np.float32(foot[1]), np.float32(foot[2])
-    if more:
-        for p in range(len(x)):
-            d0, d1, d2 = x[p] - f0, y[p] - f1, z[p] - f2
-            sent[p] |= np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= square[p])
-    else:
-        for p in range(len(x)):
-            d0, d1, d2 = x[p] - f0, y[p] - f1, z[p] - f2
-            sent[p] = np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= square[p])
+    wider = np.float32(1.1 * NEAR)
+    for p in range(len(x)):
+        d0, d1, d2, limit = x[p] - f0, y[p] - f1, z[p] - f2, np.sqrt(square[p]) + wider
+        flag = np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= limit * limit)
+        flags[p] = flags[p] | flag if more else flag
+
+
+@ieee_kernel
+def list_near(reach: Matrix, feet: Matrix, listed: Listed):
+    """List the vertices that may be sent, unless the last list is still valid. Returns their number."""
+    kept = listed.count[1] == len(feet)
+    for c in range(len(feet)):
+        square = 0.0
+        for i in range(3):
+            square += (feet[c, i] - listed.feet[min(c, MOST_FEET - 1), i]) ** 2
+        kept &= square <= NEAR * NEAR
+    if kept:
+        return listed.count[0]
+    flags, count = listed.flags, 0
+    for c in range(len(feet)):
+        _flag_near(reach, feet[c], c > 0, flags)
+        listed.feet[min(c, MOST_FEET - 1)] = feet[c]
+    eight = flags.view(np.uint64)
+    for k in range(len(eight)):
+        if eight[k] == 0:
+            continue
+        for p in range(8 * k, 8 * k + 8):
+            if flags[p] != 0:
+                listed.vertices[count] = p
+                count += 1
+    listed.count[0], listed.count[1] = count, len(feet) if len(feet) <= MOST_FEET else -1
+    return count
+
+
+@ieee_kernel
+def _is_sent(reach: Matrix, p: int, feet: Matrix):
+    """Whether a vertex is within its distance of a foot, in single precision."""
+    for c in range(len(feet)):
+        d0 = reach[0, p] - np.float32(feet[c, 0])
+        d1 = reach[1, p] - np.float32(feet[c, 1])
+        d2 = reach[2, p] - np.float32(feet[c, 2])
+        if d0 * d0 + d1 * d1 + d2 * d2 <= reach[3, p]:
+            return True
+    return False
 
 
 @ieee_kernel
@@ -139,7 +194,7 @@ def interpolate_fine(
     u: Matrix,
     reach: Matrix,
     feet: Matrix,
-    sent: Indices,
+    listed: Listed,
     nodes: Indices,
     moved: Matrix,
 ):
@@ -147,24 +202,18 @@ def interpolate_fine(
     [m]; returns their number.
 
     corners, weights  (N,3) coarse vertices and weights of each fine vertex, see `barycentric`
-    reach  (4,N) see `reaches`;  feet [m] (c,3)
-    sent   (N,) uint8, workspace: N a multiple of 8, zero beyond the vertices
+    reach  (4,N) see `reaches`;  feet [m] (c,3);  listed  see `list_near`
     """
-    for c in range(len(feet)):
-        _within(reach, feet[c], c > 0, sent)
     count = 0
-    eight = sent.view(np.uint64)
-    for k in range(len(eight)):
-        if eight[k] == 0:
+    for k in range(list_near(reach, feet, listed)):
+        p = listed.vertices[k]
+        if not _is_sent(reach, p, feet):
             continue
-        for p in range(8 * k, 8 * k + 8):
-            if sent[p] == 0:
-                continue
-            nodes[count] = p
-            a, b, c = corners[p, 0], corners[p, 1], corners[p, 2]
-            for i in range(3):
-                moved[count, i] = weights[p, 0] * u[a, i] + weights[p, 1] * u[b, i] + weights[p, 2] * u[c, i]
-            count += 1
+        nodes[count] = p
+        a, b, c = corners[p, 0], corners[p, 1], corners[p, 2]
+        for i in range(3):
+            moved[count, i] = weights[p, 0] * u[a, i] + weights[p, 1] * u[b, i] + weights[p, 2] * u[c, i]
+        count += 1
     return count
 
 

@@ -225,4 +225,4 @@ def displace_fine(body: SampledBody):
     displacements [m], for messages: past the border of the basis they fade. Returns their number."""
     model, fine, u = body.model, body.fine, body.fields[3]
     step.field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.state[0].gamma)
-    return interpolate_fine(model.corners, body.shown, u, fine.reach, body.feet, fine.sent, fine.nodes, fine.moved)
+    return interpolate_fine(model.corners, body.shown, u, fine.reach, body.feet, fine.listed, fine.nodes, fine.moved)

@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.compiler.kernel import ieee_kernel
-from palpate.physics.arrays import Indices, Matrix
+from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.geometry.mesh import Mesh, once_per_mesh
 
 EXCESS = 1e-9  # [1] Tolerance of the limit
@@ -63,17 +63,28 @@ def _apart(vectors: Matrix, i: int, j: int):
 
 
 @ieee_kernel
-def _excess(vectors: Matrix, count: int, limit: float, edges: Neighbours, place: Indices, nodes: Indices):
+def _excess(
+    vectors: Matrix, count: int, limit: float, least: float, edges: Neighbours, place: Indices, nodes: Indices,
+    squares: Array,
+):  # fmt: skip
     """Smallest ratio [1] of limit to difference over the edges of the listed nodes, 1 if all are within the limit; a
-    node that is not listed is at rest."""
-    worst = 1.0
+    node that is not listed is at rest.
+
+    The longer vector of a pair that exceeds the limit is at least half as long as the difference. So only edges with
+    a vector above half the limit of the shortest edge, `least` [m], are examined. squares (V): workspace
+    """
+    worst, least = 1.0, 0.25 * limit * limit * least * least
     for slot in range(count):
+        squares[slot] = _square(vectors, slot)
+    for slot in range(count):
+        if squares[slot] <= least:
+            continue
         node = nodes[slot]
         for at in range(edges.first[node], edges.first[node + 1]):
             other = place[edges.others[at]]
-            if 0 <= other < slot:
-                continue
-            square = _apart(vectors, slot, other) if other >= 0 else _square(vectors, slot)
+            if 0 <= other < slot and squares[other] > least:
+                continue  # examined from the other end
+            square = _apart(vectors, slot, other) if other >= 0 else squares[slot]
             most = limit * edges.spans[at]
             if square > most * most * (1.0 + EXCESS):
                 worst = min(worst, most / math.sqrt(square))
@@ -100,11 +111,15 @@ def _shorten_pair(a: float, b: float, cosine: float, most: float):
 
 @ieee_kernel
 def limit_stretch(
-    vectors: Matrix, count: int, limit: float, edges: Neighbours, place: Indices, nodes: Indices, room: StretchWorkspace
-):
+    vectors: Matrix, count: int, limit: float, least: float, edges: Neighbours, place: Indices, nodes: Indices,
+    room: StretchWorkspace,
+):  # fmt: skip
     """Shorten vectors [m] (count,3) of the listed nodes until neighbours differ by at most `limit` edge lengths.
-    Returns the number of shortened ones. place (V) slot of each node or -1; nodes (count) node of each slot"""
-    if _excess(vectors, count, limit, edges, place, nodes) == 1.0:
+    Returns the number of shortened ones.
+
+    least [m]  length of the shortest edge;  place (V)  slot of each node or -1;  nodes (count)  node of each slot
+    """
+    if _excess(vectors, count, limit, least, edges, place, nodes, room.lengths) == 1.0:
         return 0
     lengths, queue, queued = room
     for slot in range(count):
@@ -140,13 +155,14 @@ def limit_stretch(
             # neighbours that were processed before this length decreased must be processed again
             queue[(head + waiting) % count], queued[i] = i, True
             waiting += 1
-    return _shorten(vectors, count, limit, edges, place, nodes, room)
+    return _shorten(vectors, count, limit, least, edges, place, nodes, room)
 
 
 @ieee_kernel
 def _shorten(
-    vectors: Matrix, count: int, limit: float, edges: Neighbours, place: Indices, nodes: Indices, room: StretchWorkspace
-):
+    vectors: Matrix, count: int, limit: float, least: float, edges: Neighbours, place: Indices, nodes: Indices,
+    room: StretchWorkspace,
+):  # fmt: skip
     """Apply the lengths. If the limit on updates was reached, scale all vectors by the remaining excess."""
     shorter = 0
     for slot in range(count):
@@ -156,7 +172,7 @@ def _shorten(
             shorter += 1
             for k in range(3):
                 vectors[slot, k] *= room.lengths[slot] / length
-    worst = _excess(vectors, count, limit, edges, place, nodes)
+    worst = _excess(vectors, count, limit, least, edges, place, nodes, room.lengths)
     if worst < 1.0:
         shorter = count
         for slot in range(count):

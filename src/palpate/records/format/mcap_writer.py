@@ -106,8 +106,8 @@ class McapWriter:
             self.close_chunk()
 
     def add_block(self, make: Callable[[], Piece], size: int) -> None:
-        """Add message records of `size` bytes, which the thread makes. A large block ends its chunk, so that it need not
-        be joined with others."""
+        """Add message records of `size` bytes, which the thread makes. A large block ends its chunk, so that it need
+        not be joined with others."""
         self._pieces.append(make)
         self._size += size
         if 2 * size > CHUNK_SIZE or self._size > CHUNK_SIZE:
