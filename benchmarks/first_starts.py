@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-RUN = ["run", "kidney", "--duration", "0.01", "--no-pictures", "-q", "--force", "--record"]
+RUN = ["run", "kidney", "--duration", "0.01", "--no-pictures", "-q", "--record"]
 
 
 class Installation:
@@ -49,6 +49,7 @@ class Installation:
         """Run the kidney with each body, for the first time."""
         for body in bodies:
             tissue = ["--set", f"tissue.use=deformation.{body}"]
+            (self.folder / "first.mcap").unlink(missing_ok=True)
             self.call(f"first run, {body}", palpate, *RUN, self.folder / "first.mcap", *tissue, cwd=self.folder)
 
     def _compiled(self) -> int:
@@ -66,12 +67,14 @@ class Copies:
     """
 
     def __init__(self, folder: Path, here: Path, there: Path) -> None:
-        self.folder, self.copies = folder, {"here": here, "against": there}
+        self.folder, self.copies, self.record = folder, {"here": here, "against": there}, folder / "run.mcap"
 
     def call(self, copy: str, command: Sequence[str], cache: Path, cwd: Path | None = None) -> float:
         """Processor time [s] of all processes of a command of a copy, with this cache of kernels."""
         source = self.copies[copy] / "src"
         environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(source)}
+        if "run" in command:
+            self.record.unlink(missing_ok=True)  # an older copy has no `--force`
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(command, cwd=cwd or self.folder, env=environment, capture_output=True, text=True)
         if done.returncode:
@@ -106,12 +109,13 @@ class Copies:
 
 def compare(folder: Path, there: Path, repeat: int, set_up: bool) -> None:
     """Print the processor times of both copies, their ratios, and the goals."""
-    copies, record = Copies(folder, ROOT, there), str(folder / "run.mcap")
+    copies = Copies(folder, ROOT, there)
+    record = str(copies.record)
     print(f"{'command':<28}{'here':>12}{'against':>12}{'ratio':>8}{'goal':>8}")
     if set_up:
         copies.set_up()
     copies.compare("first tick", 1, copies.palpate(*RUN, record))  # with empty caches of kernels
-    run = ("run", "kidney", "-q", "--force", "--record", record)
+    run = ("run", "kidney", "-q", "--record", record)
     for copy in copies.copies:  # compiles the kernels of several processes, and writes bytecode
         copies.call(copy, copies.palpate(*run), folder / copy)
     for name, words in {

@@ -25,7 +25,7 @@ def test_vertices_near_the_contact_are_sent_in_order_with_the_mean_of_their_corn
 
 @pytest.mark.parametrize("fingers", [1, 2, MOST_FEET, MOST_FEET + 1])
 def test_the_list_of_vertices_that_may_be_sent_changes_nothing_while_feet_move(fingers):
-    """Feet that creep, stand still, jump, and change their number; compared with all vertices in single precision."""
+    """Feet that creep, rest, jump, and change their number; compared with all vertices in single precision."""
     rng, count, listings = np.random.default_rng(fingers), 3000, set()
     vertices, within = 0.05 * rng.random((count, 3)), rng.uniform(0.0, 0.01, count)
     rows, room, u = reaches(vertices, within), listed(count), np.ones((1, 3))

@@ -33,7 +33,7 @@ class Listed(NamedTuple):
     """The vertices that may be sent while no foot moves farther than `NEAR`: their list is a cache."""
 
     vertices: Annotated[np.ndarray, "<i4", 1]  # (N,) ascending
-    count: Annotated[np.ndarray, "<i8", 1]  # (2,) number of them, and of the feet
+    counts: Annotated[np.ndarray, "<i8", 1]  # (2,) number of them, and of the feet
     feet: Annotated[np.ndarray, "<f8", 2]  # [m] (MOST_FEET,3) at which they were listed
     flags: Annotated[np.ndarray, "|u1", 1]  # workspace: N rounded up to a multiple of 8, zero beyond the vertices
 
@@ -138,7 +138,7 @@ def reaches(vertices: np.ndarray, within: np.ndarray) -> np.ndarray:
 @ieee_kernel
 def _flag_near(reach: Matrix, foot: Array, more: bool, flags: Indices):
     """Flag the vertices that a foot [m] (3) can reach within `NEAR`, in addition to those flagged if `more`. The limit
-    is wider by a tenth of it, for the rounding in single precision."""
+    is wider by 10 % of it, for the rounding in single precision."""
     x, y, z, square = reach[0], reach[1], reach[2], reach[3]
     f0, f1, f2 = np.float32(foot[0]), np.float32(foot[1]), np.float32(foot[2])
     wider = np.float32(1.1 * NEAR)
@@ -151,14 +151,14 @@ def _flag_near(reach: Matrix, foot: Array, more: bool, flags: Indices):
 @ieee_kernel
 def list_near(reach: Matrix, feet: Matrix, listed: Listed):
     """List the vertices that may be sent, unless the last list is still valid. Returns their number."""
-    kept = listed.count[1] == len(feet)
+    kept = listed.counts[1] == len(feet)
     for c in range(len(feet)):
         square = 0.0
         for i in range(3):
             square += (feet[c, i] - listed.feet[min(c, MOST_FEET - 1), i]) ** 2
         kept &= square <= NEAR * NEAR
     if kept:
-        return listed.count[0]
+        return listed.counts[0]
     flags, count = listed.flags, 0
     for c in range(len(feet)):
         _flag_near(reach, feet[c], c > 0, flags)
@@ -171,7 +171,7 @@ def list_near(reach: Matrix, feet: Matrix, listed: Listed):
             if flags[p] != 0:
                 listed.vertices[count] = p
                 count += 1
-    listed.count[0], listed.count[1] = count, len(feet) if len(feet) <= MOST_FEET else -1
+    listed.counts[0], listed.counts[1] = count, len(feet) if len(feet) <= MOST_FEET else -1
     return count
 
 
