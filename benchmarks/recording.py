@@ -1,10 +1,14 @@
 """Cost of recording and replay: rate of the kidney graph, size of files, speed of replay and check, memory of a replay.
 
-    python benchmarks/recording.py [--minutes M] [--seconds S] [--json]
+    python benchmarks/recording.py [--minutes M] [--seconds S] [--json] [--processor-time]
 
 Rates are medians of alternating runs on simulated time, as fast as the machine allows: without a recording, with
 sources only, and with all streams. Without a recording the shape of the surface is not computed, because no node reads
 it. So a fourth run computes all streams but records none. The memory of a replay is that of a long and of a short file.
+
+--processor-time prints only the processor time of a tick in one process, which other programs change less than rates:
+of the thread that runs the ticks, and of all threads. It is that of a long run minus that of a short one. The last rows
+are lower bounds for any recorder: the time to copy, check and compress the bytes of a tick once.
 """
 
 from __future__ import annotations
@@ -16,15 +20,25 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import time
+import zlib
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import zstandard
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 from tables import parser, show
 
 from palpate.launch.load.launchfile import ALL, SOURCES, find
 from palpate.launch.load.plan import plan
 from palpate.launch.run.execute import execute
+from palpate.records.format.mcap_writer import CHUNK_SIZE, LEVEL
 
 ROUNDS = 5
+SHORT, LONG = 0.5, 6.0  # [s] simulated time of the runs for the processor time
+BODIES = ("MassSpring", "ReducedFE")
 NOTHING, COMPUTED = "without", "computed"
 """No recording; a recording without any stream, so that all streams are computed."""
 
@@ -66,6 +80,56 @@ def overhead(seconds: float, folder: Path) -> dict[str, dict[str, float]]:
     return rates
 
 
+def processor_time(body: str, folder: Path) -> dict[str, dict[str, float]]:
+    """Processor time [us] of a tick with this body: of its thread, and of all threads; the least of several runs."""
+    path = folder / "time.mcap"
+    launch = find("kidney").but(place="fused", overrides=(f"tissue.use=deformation.{body}",), only=ALL)
+    graph = launch.load()
+    streams = [stream for name in plan(graph).order for stream in graph.nodes[name].streams]
+
+    def used(seconds: float, only: str) -> tuple[float, ...]:
+        this = dataclasses.replace(launch.but(duration=seconds), record=None if only == NOTHING else path)
+        before = time.thread_time(), time.process_time()
+        result = execute(this, leave_out=streams if only == COMPUTED else ()).result
+        after = time.thread_time(), time.process_time()
+        return *(b - a for a, b in zip(before, after, strict=True)), result.ticks
+
+    times: dict[str, list[list[tuple[float, ...]]]] = {name: [] for name in (NOTHING, COMPUTED, ALL)}
+    for _ in range(ROUNDS + 1):  # the first round loads the kernels
+        for only, made in times.items():
+            made.append([used(SHORT, only), used(LONG, only)])
+    rows = {}
+    for only, made in times.items():
+        short, long = (np.min(one, axis=0) for one in zip(*made[1:], strict=True))
+        thread, every = 1e6 * (long - short)[:2] / (long - short)[2]
+        rows[f"{body}, {only}"] = {"thread": thread, "all": every}
+    return rows | {f"{body}, {name}": {"all": value} for name, value in least(path).items()}
+
+
+def least(path: Path) -> dict[str, float]:
+    """Processor time [us per tick] to copy, check and compress the chunks of a recording once."""
+    with open(path, "rb") as file:
+        chunks = [record for record in StreamReader(file, emit_chunks=True).records if isinstance(record, Chunk)]
+    data = [zstandard.decompress(chunk.data, max_output_size=chunk.uncompressed_size) for chunk in chunks]
+    to, ticks = np.empty(4 * CHUNK_SIZE, np.uint8), 1000.0 * LONG
+
+    def copy(data: bytes) -> None:
+        to[: len(data)] = np.frombuffer(data, np.uint8)
+
+    def spent(work: Callable[[bytes], object]) -> float:
+        begun = time.process_time()
+        for each in data:
+            work(each)
+        return 1e6 * (time.process_time() - begun) / ticks
+
+    size = sum(map(len, data)) / ticks
+    return {
+        f"copy of {1e-3 * size:.1f} kB": min(spent(copy) for _ in range(ROUNDS)),
+        "crc32": min(spent(zlib.crc32) for _ in range(ROUNDS)),
+        f"zstd {LEVEL}": min(spent(zstandard.ZstdCompressor(level=LEVEL).compress) for _ in range(ROUNDS)),
+    }
+
+
 def replayed(path: Path, *options: str) -> dict[str, float]:
     """Multiple of real time and peak memory [MB] of `palpate replay` in a separate process."""
     command = [sys.executable, "-m", "palpate.cli", "replay", str(path), "--json", *options]
@@ -86,7 +150,18 @@ def main() -> None:
     options = parser(__doc__)
     options.add_argument("--minutes", type=float, default=0.5, help="length of the long recording")
     options.add_argument("--seconds", type=float, default=4.0, help="simulated time of each run for the overhead")
+    options.add_argument("--processor-time", action="store_true", help="only the processor time of a tick")
     given = options.parse_args()
+    if given.processor_time:
+        with tempfile.TemporaryDirectory() as name:
+            times = {key: row for body in BODIES for key, row in processor_time(body, Path(name)).items()}
+        if given.json:
+            print(json.dumps(times))
+            return
+        titles = {"thread": "thread of the tick", "all": "all threads"}
+        rows = [{"": name} | {titles[key]: row.get(key, "") for key in titles} for name, row in times.items()]
+        show("processor time [us] of a tick of the kidney graph in one process", rows)
+        return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         figures: dict[str, object] = {"overhead": overhead(given.seconds, folder)}
