@@ -22,7 +22,7 @@ from palpate.records.format.head import PROFILE, SCHEMA_VERSION, head_alone
 from palpate.records.format.mcap_writer import Compression, McapWriter, Piece
 from palpate.records.format.message_head import HEAD, HEAD_LENGTH
 
-LATEST = 1024  # stored ticks of a stream, which separate the messages of a restarted node from earlier ones
+LATEST = 1024  # runs of ticks of a stream, which separate the messages of a restarted node from earlier ones
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -48,11 +48,11 @@ class RecordedStream:
     received  number of received messages
     count     number of written messages
     gaps      number of missing messages between received ones
-    last      ticks of the last messages
+    runs      first tick of the last runs without a gap, and number of messages before each
     """
 
     __slots__ = (
-        "channel", "count", "due", "every", "first", "gaps", "heads", "keep", "last", "next", "received", "skip",
+        "channel", "count", "due", "every", "first", "gaps", "heads", "keep", "next", "received", "runs", "skip",
     )  # fmt: skip
 
     def __init__(self, channel: int, every: int, thin: int, simulated: bool, heads: bool) -> None:
@@ -61,18 +61,18 @@ class RecordedStream:
         self.skip = self.keep if simulated else 1
         self.every = every * thin if simulated else every
         self.next = self.due = self.first = self.received = self.count = self.gaps = 0
-        self.last: deque[int] = deque(maxlen=LATEST)
+        self.runs: deque[tuple[int, int]] = deque(maxlen=LATEST)
 
     def take(self, tick: int) -> bool:
         """Count a message. Returns whether to write it."""
         if self.skip > 1 and tick % self.skip:
             return False
-        if tick != self.next:
+        if tick != self.next or not self.received:
             self.gaps += max(0, (tick - self.next) // self.every)
+            self.runs.append((tick, self.received))
         self.next = tick + self.every
         self.first = self.first if self.received else tick
         self.received += 1
-        self.last.append(tick)
         if self.keep > 1:
             if tick < self.due:
                 return False
@@ -87,9 +87,19 @@ class RecordedStream:
             self.next = end  # none is missing
             self.received += len(ticks)
             self.count += len(ticks)
-            self.last.extend(ticks[-LATEST:].tolist())
             return True
         return np.array([self.take(tick) for tick in ticks.tolist()])
+
+    def count_before(self, tick: int) -> int | None:
+        """Number of messages before a tick, which ascend; None: unknown, as the runs do not reach back to it."""
+        if not self.runs or self.runs[0][0] >= tick:
+            return None
+        after = self.received
+        for first, before in reversed(self.runs):
+            if first < tick:
+                return min(before - (first - tick) // self.every, after)
+            after = before
+        return None
 
 
 class Mcap(Observer):
@@ -184,31 +194,32 @@ class Mcap(Observer):
             return
         # Select the messages to write. The thread of the writer makes their records, in the memory of the block.
         entries = block.entries
-        kept, number = np.zeros(len(entries), bool), entries["number"].astype(np.uint16)
+        kept, number = None, entries["number"].astype(np.uint16)
         rows, counts = np.argsort(number, kind="stable"), np.bincount(number, minlength=len(recorded))
         ticks, ends = entries["tick"][rows], np.cumsum(counts).tolist()
         for one, begin, end in zip(recorded, [0, *ends], ends, strict=False):
-            if one is not None and begin < end:
-                kept[rows[begin:end]] = one.take_all(ticks[begin:end])
+            taken = begin == end or (one is not None and one.take_all(ticks[begin:end]))
+            if taken is not True:
+                kept = np.ones(len(entries), bool) if kept is None else kept
+                kept[rows[begin:end]] = taken
         try:
-            if kept.any():
+            if kept is None or kept.any():
                 self._add(block, [one.channel if one else 0 for one in recorded], kept)
             if time.monotonic() > self._due:
                 self._on_time()
         except OSError as error:
             self._give_up(error)
 
-    def _add(self, block: Block, channels: list[int], kept: np.ndarray) -> None:
-        """Pass the messages `kept` (n) of a block to the writer, without a copy of a long block."""
+    def _add(self, block: Block, channels: list[int], kept: np.ndarray | None) -> None:
+        """Pass the messages `kept` (n) of a block to the writer, without a copy of a long block; None: all messages."""
         entries = block.entries
-        written = entries[kept] if not kept.all() else entries
+        written = entries if kept is None else entries[kept]
         begin, end = int(written["begin"][0]) - MARGIN, int(written["end"][-1])
         memory = block.memory[begin:end]
         if 2 * len(memory) < len(block.memory) or not block.claim():  # a short block would waste the rest
             memory, entries = memory.copy(), entries.copy()
-        size = int((written["end"] - written["begin"]).sum()) + len(written) * MARGIN
-        given = None if written is entries else kept, np.array(channels), entries, memory, begin
-        self._writer.add_block(partial(_records, *given), size)
+        given = kept, np.array(channels), entries, memory, begin
+        self._writer.add_block(partial(_records, *given), len(memory))
 
     def _behind(self) -> bool:
         """Whether the disk is too slow, so that messages are dropped: on the real clock no tick waits for the disk."""
@@ -247,13 +258,8 @@ class Mcap(Observer):
         streams = [stream.name for stream in self.streams if stream.producer == node]
         every = [self._recorded[name] for name in streams if name in self._recorded]
         known = [one for one in every if one.received and one.first < since]  # others had no predecessor
-        received = (
-            max(1, one.received - steps)
-            if one.last[0] >= since
-            else one.received - sum(tick >= since for tick in one.last)
-            for one in known
-        )
-        before = max(received, default=0)
+        received = ((one.count_before(since), one.received - steps) for one in known)
+        before = max((max(1, rest) if found is None else found for found, rest in received), default=0)
         # a recording that began later than the node contains less messages than it had steps
         late = not known and steps <= max((one.received for one in every), default=0)
         if self._file is None or (not late and before <= self._before.get(node, 0)):
@@ -319,11 +325,9 @@ def _records(kept: np.ndarray | None, channels: np.ndarray, entries: np.ndarray,
     at_channel = HEAD.fields["channel"][1]  # type: ignore[index]
     places = np.ndarray(len(memory) - MARGIN + 1, "<u2", memory, at_channel, strides=(1,))
     places[begins] = heads["channel"]
-    if kept is None:
-        return heads.data.cast("B"), memory.data[: ends[-1]]
     # Pass each run of consecutive messages as one piece.
-    last = np.flatnonzero(np.diff(np.flatnonzero(kept), append=-1) != 1)
-    first = np.concatenate(([0], last[:-1] + 1))
+    breaks = np.flatnonzero(begins[1:] != ends[:-1])
+    first, last = np.concatenate(([0], breaks + 1)), np.concatenate((breaks, [-1]))
     return heads.data.cast("B"), *(memory.data[b:e] for b, e in zip(begins[first], ends[last], strict=True))
 
 

@@ -63,6 +63,20 @@ def test_a_block_is_recorded_like_its_single_messages(tmp_path, clock, settings)
     assert len(rows) > 60 and counts["fast"]["lost"] == len(gone) and "left" not in counts
 
 
+@pytest.mark.parametrize("claimed", [False, True])
+def test_of_a_block_with_messages_for_others_only_those_of_its_streams_are_recorded(tmp_path, claimed):
+    """As with two observers of different streams: the memory of a block contains the messages of both."""
+    whole, node = block(range(90), set()), logger(tmp_path / "part.mcap", "simulated")
+    memory = whole.memory.copy()
+    entries = whole.entries[np.isin(whole.entries["number"], (0, 2))]
+    node.observe_block(whole._replace(entries=entries, memory=memory, claim=lambda: claimed))
+    node.stop()
+    stored = Stored(node.path)
+    found = [(name, tick, bytes(payload)) for name, tick, _, payload in stored.raw()]
+    assert stored.complete
+    assert found == [message for message in whole.messages() if message[0] in ("fast", "thinned")]
+
+
 @pytest.mark.parametrize("longest", [1, 400, 1 << 16])
 def test_a_block_is_sent_in_frames_of_bounded_length(monkeypatch, longest):
     """Their number limits the memory of a queue. A message that is longer has a frame of its length."""
@@ -115,13 +129,17 @@ def test_a_slow_disk_loses_messages_of_a_live_run_and_never_stops_it(tmp_path, m
 def test_a_block_of_ticks_is_counted_as_its_messages_are(every, thin, simulated):
     rng = np.random.default_rng(every + thin)
     one, other = (RecordedStream(0, every, thin, simulated, False) for _ in range(2))
-    at = 0
+    at, received = 0, list[int]()
     for _ in range(60):
         steps = rng.choice([1, 1, 1, 2, 7], size=rng.integers(1, 30)) if rng.random() < 0.3 else np.ones(20, np.int64)
         ticks = every * (at + np.cumsum(steps))
         at = int(ticks[-1]) // every
+        received += [tick for tick in ticks.tolist() if not (simulated and tick % one.skip)]
         kept = one.take_all(ticks)
         assert np.array_equal(np.broadcast_to(kept, len(ticks)), [other.take(tick) for tick in ticks.tolist()])
     for name in RecordedStream.__slots__:
         assert getattr(one, name) == getattr(other, name), name
     assert one.gaps > 0 and one.count > 0
+    for tick in range(one.first + 1, one.next + 2):  # how many came before a restart
+        assert one.count_before(tick) == sum(before < tick for before in received), tick
+    assert one.count_before(one.first) is None
