@@ -9,7 +9,6 @@ from contextlib import contextmanager
 
 from palpate.launch.run.busy import busy
 from palpate.launch.run.wire.printable import printable
-from palpate.nodes.base.stored import watched
 
 INTERVAL = 10.0  # [s] between lines in a log
 SOON = 1.0  # [s] after which the preparation of a surface is reported
@@ -103,6 +102,7 @@ def steps(
 def preparing(silent: bool = False) -> Iterator[None]:
     """Within this context, report each surface of a file whose preparation takes longer than `SOON`: a bar of unknown
     duration on a terminal, otherwise a line."""
+    from palpate.nodes.base.stored import watched  # help starts without the nodes
 
     @contextmanager
     def watch(what: str) -> Iterator[None]:

@@ -1,5 +1,7 @@
 """Atomic writing of files, and safe reading of arrays from untrusted or damaged ones."""
 
+from __future__ import annotations
+
 import math
 import os
 import shutil
@@ -9,17 +11,16 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.lib import format as npy
+from typing import TYPE_CHECKING, Any
 
 from palpate.physics.errors import PalpateError
 from palpate.physics.readable import check_readable
 
+if TYPE_CHECKING:
+    import numpy as np
+
 MOST = 1 << 30  # [bytes] Largest archive, unpacked: about 20 times the largest basis that is built
 BLOCK = 1 << 20
-_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 # Raised by zipfile, zlib and numpy on malformed bytes. The header of an array is parsed as Python text, and a damaged
 # directory may name encryption or an unknown compression.
 _BAD = (OSError, KeyError, ValueError, TypeError, EOFError, MemoryError, OverflowError, RuntimeError, SyntaxError,
@@ -85,12 +86,16 @@ def read_arrays(path: str | Path, *names: str) -> dict[str, np.ndarray]:
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    import numpy as np  # commands that only replace files start without it
+    from numpy.lib import format as npy
+
+    headers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     with archive.open(member) as file:
         stream: Any = file
         version = npy.read_magic(stream)
-        if version not in _HEADERS:
-            raise ValueError(f"{member.filename}: format {version}, expected one of {sorted(_HEADERS)}")
-        shape, fortran, dtype = _HEADERS[version](stream)
+        if version not in headers:
+            raise ValueError(f"{member.filename}: format {version}, expected one of {sorted(headers)}")
+        shape, fortran, dtype = headers[version](stream)
         if dtype.hasobject:
             raise ValueError(f"{member.filename}: contains objects, expected numbers or text")
         wanted, found = math.prod(shape) * dtype.itemsize, member.file_size - file.tell()

@@ -12,7 +12,6 @@ from palpate.cli.terminal import options
 from palpate.cli.terminal.costs import PROVED, price_row
 from palpate.cli.terminal.output import console, print_json, table
 from palpate.cli.terminal.run_options import RunOptions, takes_run
-from palpate.launch.run.progress import steps
 
 if TYPE_CHECKING:
     from palpate.engine.plan import Plan
@@ -48,6 +47,7 @@ def plan(
     placement = run.placement(planned, times)
     items = effect_costs(planned, times)
     if ablate is not None:
+        from palpate.launch.run.progress import steps
         from palpate.records.reader import Recording
         from palpate.studies import ablation
 

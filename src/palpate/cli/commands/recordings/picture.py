@@ -11,7 +11,6 @@ from palpate.cli.terminal import options
 from palpate.cli.terminal.options import ENDINGS, ColourOption, File, Json, Trust, check_ending, instant, out_option
 from palpate.cli.terminal.output import print_json, say, write
 from palpate.cli.terminal.run_summary import standard_pictures
-from palpate.views.pictures.style import save
 
 EXAMPLE = "palpate picture runs/kidney.mcap --at '350 ms'"
 ORGAN = "organ"  # instead of a recording: the next word is the file of an organ
@@ -84,6 +83,7 @@ def picture(
 
 
 def _plot(file: Path, names: list[str], over: str | None, target: Path) -> Path:
+    from palpate.views.pictures.style import save
     from palpate.views.run import Run
 
     check_ending(target, ENDINGS)
