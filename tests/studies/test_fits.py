@@ -234,9 +234,9 @@ def test_a_press_of_a_tabulated_law_has_the_force_of_the_finer_mesh_at_every_siz
 
 
 def test_the_interval_includes_the_error_of_the_mesh(bonded, monkeypatch):
-    """The table of a fit is 1 to 2 % too soft. Of 12 presses with noise of 0.1 % of the peak, no interval misses the
-    true value; without the error of the mesh 3 or 4 do. In the others the misfit is seen, and widens or withholds
-    the interval."""
+    """The table of a fit is 1 to 2 % too soft. Of 12 presses with noise of 0.3 % of the peak, no interval misses the
+    true value; without the error of the mesh 3 do. In the others the misfit is seen, and widens or withholds the
+    interval."""
     missed = []
     for included in (True, False):
         if not included:
@@ -247,7 +247,7 @@ def test_the_interval_includes_the_error_of_the_mesh(bonded, monkeypatch):
             time = np.linspace(0.0, 1.0, 300)
             depth = case.reach * (1.4 * time - 0.4)
             force = np.where(depth > 0.0, case.force(np.maximum(depth, 1e-9)), 0.0)
-            force = force + 1e-3 * force.max() * rng.standard_normal(300)
+            force = force + 3e-3 * force.max() * rng.standard_normal(300)
             press = prepare_press("p", time, depth, force)
             fit = fit_tissue([press], case.rig, case.law, drift="none", table=case.table)
             value, low, high = fit.young
@@ -371,9 +371,25 @@ def test_a_rise_before_contact_has_the_length_and_the_end_that_fit_best(case, se
 
 def test_an_interval_keeps_what_it_was_widened_by():
     """The note said that a press which touches from its first row on is included, but the fit with a zero that drifts
-    replaced the interval: it ended 2.25 times below the true stiffness."""
+    replaced the interval: it ended 2.25 times below the true stiffness. The search for the rise began only at the touch
+    point without it, and ended in a minimum whose stiffness is 2.75 times off, with 1.19 times the squares."""
     outcome = judge("ball exponential", 14, 39)
     assert outcome.result in ("inside", "withheld") and any("from the first row on" in note for note in outcome.notes)
+    assert outcome.off < 1.2
+
+
+def test_prony_terms_that_the_rows_do_not_determine_are_reported():
+    """A time that ended 2.25 times off, in a flat valley along which the second term takes its place, without a note:
+    heavy-tailed noise put the true values three standard errors away."""
+    outcome = judge("ball layer prony:2", 14, 1)
+    assert not outcome.silent
+    assert any("do not determine 2 Prony terms" in note and "prony:1" in note for note in outcome.notes)
+
+
+def test_correlated_noise_on_a_slow_rise_does_not_hide_the_value():
+    """It was counted over all rows, so that the fit with a bend, which the noise does not show, replaced the interval:
+    1.516 times off, without a note."""
+    assert judge("punch exponential", 14, 48).apart < 1.1
 
 
 def test_noise_with_a_gain_on_an_untared_sensor_is_seen():

@@ -20,10 +20,11 @@ from palpate.models.fit.press import Loading, add_session
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import estimate as estimating
 from palpate.models.fit.tissue import relaxing, separable
-from palpate.models.fit.tissue.estimate import Problem, estimate, inflation
+from palpate.models.fit.tissue.estimate import Problem, estimate
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import MeasuredPress, prepare_press, read_presses
 from palpate.models.fit.tissue.report import data
+from palpate.models.fit.tissue.residuals import inflation
 from palpate.models.fit.tissue.rigs import FINGER, Rig, closed_form
 from palpate.studies.presses import _deepest_touch, recorded_press
 
@@ -365,7 +366,7 @@ def test_a_recording_without_one_press_is_refused(tmp_path):
 @pytest.mark.parametrize(("rig", "law", "truth", "kind"), CASES)
 def test_the_search_without_scale_and_baselines_finds_the_minimum_of_all_unknowns(monkeypatch, rig, law, truth, kind):
     problem = Problem([press(rig, law, truth, kind, noise=0.01, seed=3)], closed_form(rig, law), kind, True, False)
-    found = [separable.solve(problem, begin) for begin in estimating._starts(problem)]
+    found = [separable.solve(problem, begin) for begin in estimating.starts(problem)]
     x, squares = min((each for each in found if each is not None), key=lambda pair: pair[1])
     assert float(np.sum(problem.residuals(x) ** 2)) == approx(squares, rel=1e-9)
     monkeypatch.setattr(separable, "solve", lambda *_: None)

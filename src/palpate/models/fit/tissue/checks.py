@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.stats import f as fisher
 
-from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate
+from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate, starts
 from palpate.models.fit.tissue.measured import LEAST_AIR, MOST_RISE, RARE, SUSPECT, MeasuredPress, Rise, deepest_row
 from palpate.models.fit.tissue.noise import SURE_ROWS, gain, in_contact, noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
@@ -197,6 +197,20 @@ def allow_for_drift(
     ] * sure
 
 
+def undetermined_terms(problem: Problem, best: Estimate) -> list[str]:
+    """A note if the rows do not determine as many Prony terms: where one of them may have any time or no share, the
+    others lie in a flat valley, and are wrong by more than their intervals say if the noise is not normal."""
+    count = int(problem.kind.partition(":")[2] or 0)
+    terms = problem.parameters[len(problem.law.parameters) :]
+    names = [p.name for p in terms if best.is_open(p)]
+    if count < 2 or best.withheld or not names:
+        return []
+    return [
+        f"the rows do not determine {count} Prony terms: {', '.join(names)} may lie at a limit of the search, and all "
+        f"terms depend on it; fit fewer: --relaxation prony:{count - 1}"
+    ]
+
+
 def few_rows_with_gain(problem: Problem, best: Estimate) -> list[str]:
     """A note if the noise grows with the force and its correlation, which the intervals depend on, is not known."""
     if not _gain_of_few_rows(problem, best):
@@ -225,7 +239,8 @@ def include_rise(
     risen = problem.with_changes(_with_rise(problem, best, True))
     if risen.count < LEAST_PER_UNKNOWN * len(risen.names):
         return problem, best, [], []
-    better = estimate(risen, begin=_begins(risen, best))
+    # the touch point of a fit without the rise may lie far before that with it: another minimum
+    better = estimate(risen, begin=[*_begins(risen, best), *starts(risen)])
     sizes = [better.number(f"rise, {press.name}")[0] for press in risen.presses]
     if max(map(abs, sizes)) > 99.0 * MOST_RISE:  # at its limit: the begin of a law of this shape
         return problem, best, [], []

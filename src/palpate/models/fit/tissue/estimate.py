@@ -1,13 +1,10 @@
 """Weighted least squares of a force law, with confidence intervals that allow for correlated residuals.
 
-The residuals of a press are correlated, because its noise is filtered and no law is exact. The n residuals count as
-n_eff independent ones:
-
-    n_eff = n/tau,    tau = 1 + 2 sum rho_k,    s² = SSR/n n_eff/(n_eff - p),    cov = s² tau (J'J)^-1
-
-with the autocorrelation rho of the residuals, corrected for its bias in short records (F. H. C. Marriott, J. A. Pope,
-Biometrika 41 (1954) 390-402). Intervals use Student's t with n_eff - p degrees of freedom, and profile likelihoods the
-same level. With several presses, the interval is at least as wide as the scatter between presses requires.
+The residuals of a press are correlated, because its noise is filtered and no law is exact: `covariance` has the errors
+of the unknowns and half the widths of their intervals. The level of a profile likelihood is that at which it has this
+width where the law is linear in the unknowns. With several presses, the interval is at least as wide as the scatter
+between presses requires. The residuals count as n/tau independent ones in the tests for misfits,
+tau = 1 + 2 sum rho_k.
 """
 
 from __future__ import annotations
@@ -22,15 +19,15 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue import noise, relaxing, separable
+from palpate.models.fit.tissue import covariance, noise, relaxing, separable
+from palpate.models.fit.tissue.covariance import LEVEL
 from palpate.models.fit.tissue.measured import MOST_RISE, MeasuredPress, Rise
 from palpate.models.fit.tissue.profile import Interval, include_profiles, linear_interval
-from palpate.models.fit.tissue.residuals import inflation, runs
+from palpate.models.fit.tissue.residuals import runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
 
 STARTS, TOUCH_STARTS = 10, 4  # Starts of a law with shape parameters, and without
 INDISTINGUISHABLE = 0.97  # [1] Correlation above which two parameters cannot be distinguished
-LEVEL = 0.95
 LEAST_PER_UNKNOWN = 3  # Rows per unknown that a fit needs
 STEEPEST = 1e12  # [1] Limit of a derivative of a residual
 APART, LIKELY = (
@@ -39,9 +36,6 @@ APART, LIKELY = (
 )  # Least distance of two minima in search coordinates; limit of their squares, over the least [1]
 SHORTEST, LONGEST = 0.02, 2.0  # [1] Lengths of a rise before contact, over the approach
 STEP = 1e-6  # finite-difference step of a Jacobian, in search coordinates
-LEAST_EFFECTIVE = 3.0
-"""Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
-the error of its parameters; the report describes the misfit separately."""
 
 
 @dataclass
@@ -273,9 +267,22 @@ class Problem:
         for press, force, w in zip(self.presses, forces, self.weight, strict=True):
             if press.step:
                 part = rows[:, at : at + len(force)] * w
-                out += noise.quantised_variance(part, force, press.step, noise.dither(press.force, press.step))
+                dither = noise.dither(press.force, force, press.step, press.averaged)
+                out += noise.quantised_variance(part, force, press.step, dither, press.averaged)
             at += len(force)
         return out
+
+    def visible_variance(self, J: np.ndarray, forces: Sequence[np.ndarray]) -> float:
+        """Expected sum of squares of the weighted residuals, orthogonal to J (n, p), from the steps of the converters:
+        all of them, q²/12 in each row, without the part that the fit follows."""
+        scaled = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+        basis, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
+        followed = self.residual_variance(basis[:, sizes > 1e-9 * sizes[0]].T, forces)
+        whole = sum(
+            press.step**2 / 12.0 * float(w @ w) / press.averaged
+            for press, w in zip(self.presses, self.weight, strict=True)
+        )
+        return max(whole - float(followed.sum()), 0.0)
 
     def start(self) -> np.ndarray:
         """Initial guesses, with the first parameter scaled so that the forces have the norm of the measured ones."""
@@ -368,28 +375,22 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
         )
     minima, converged = _search_minima(problem, begin)
     x, least = minima[0]
-    # effective sample size n_eff = n/tau and residual variance s²
     forces, pressed = problem.forces(x), problem.law_forces(x)
     residuals = [(f - p.force) for f, p in zip(forces, problem.presses, strict=True)]
     weighted = [r * w for r, w in zip(residuals, problem.weight, strict=True)]
     J = problem.jacobian(x)
-    tau = inflation(weighted, size)
-    effective = max(count / tau, LEAST_EFFECTIVE * size)
-    tau = count / effective
-    variance = least / count * effective / (effective - size)
-    # covariance s² tau (J'J)^-1, from the singular values of J with columns of unit length
+    # (J'J)^-1 and (J'J)^-1 J' from the singular values of J with columns of unit length
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0.0] = 1e-12
-    _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
-    bread = (turn.T / np.maximum(sizes, 1e-9 * sizes[0]) ** 2) @ turn / np.outer(scale, scale)
-    plain = variance * tau * bread
-    cov, effective = _coloured_covariance(problem, forces, pressed, weighted, J, bread, plain, effective)
-    errors, ratio = np.sqrt(np.diag(cov)), np.sqrt(np.diag(cov) / np.maximum(np.diag(plain), 1e-300))
-    quantile = float(student.ppf(0.5 + LEVEL / 2, effective - size))
-    toward = quantile * cov / np.maximum(errors, 1e-300)
+    left, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
+    inverse = turn.T / np.maximum(sizes, 1e-9 * sizes[0])
+    bread, influence = inverse @ inverse.T / np.outer(scale, scale), inverse @ left.T / scale[:, None]
+    cov, reach, effective = covariance.of_unknowns(problem, forces, pressed, residuals, J, influence)
+    errors = np.sqrt(np.maximum(np.diag(cov), covariance.TINY))
+    toward = cov / errors**2 * reach
     intervals = {p.name: linear_interval(problem, x, i, toward[i, i]) for i, p in enumerate(problem.parameters)}
     if profiles:
-        levels = least * (1.0 + (quantile * ratio) ** 2 / (count / tau - size))
+        levels = least + reach**2 / np.maximum(np.diag(bread), 1e-300)
         include_profiles(problem, minima, toward, levels, list(intervals.values()))
     return Estimate(
         problem.parameters, intervals, problem.touches(x), problem.names, cov / np.outer(errors, errors),
@@ -401,7 +402,7 @@ def estimate(problem: Problem, profiles: bool = True, begin: Sequence[np.ndarray
 def _search_minima(problem: Problem, begin: Sequence[np.ndarray]) -> tuple[list[tuple[np.ndarray, float]], float]:
     """The distinct minima (unknowns, squares) that least squares reach from several starts, the best one first, and the
     share of the starts that converged to it."""
-    found = [problem.solve(each) for each in begin or _starts(problem)]
+    found = [problem.solve(each) for each in begin or starts(problem)]
     best, least = min(found, key=lambda pair: pair[1])
     converged = sum(squares <= least * 1.01 + 1e-12 for _, squares in found) / len(found)
     found += [problem.solve(np.clip(each, *problem.bounds)) for each in problem.other_minima(best)]
@@ -417,7 +418,7 @@ def _distinct(found: Sequence[tuple[np.ndarray, float]], parameters: int) -> lis
     return out
 
 
-def _starts(problem: Problem) -> list[np.ndarray]:
+def starts(problem: Problem) -> list[np.ndarray]:
     """The initial guess, and others drawn around it: shape parameters and touch points. Scales and baselines follow
     from these. A law without shape parameters needs fewer."""
     rng, begin, (low, high) = np.random.default_rng(0), problem.start(), problem.bounds
@@ -429,39 +430,6 @@ def _starts(problem: Problem) -> list[np.ndarray]:
         wide[first : first + len(problem.presses)] = 1.0
     count = STARTS if first > scaled else TOUCH_STARTS if problem.free_touch else 1
     return [begin] + [np.clip(begin + rng.uniform(-1.0, 1.0, len(begin)) * wide, low, high) for _ in range(count - 1)]
-
-
-def _coloured_covariance(
-    problem: Problem, forces: Sequence[np.ndarray], pressed: Sequence[np.ndarray], weighted: Sequence[np.ndarray],
-    J: np.ndarray, bread: np.ndarray, plain: np.ndarray, effective: float,
-) -> tuple[np.ndarray, float]:  # fmt: skip
-    """Covariance of the unknowns and number of independent residuals, with the noise that `noise` describes.
-
-    forces, pressed  [N] of the fit, and of the law alone: an untared sensor has a large force without contact
-    plain  covariance if all noise had the same size and correlation
-    """
-    size = len(bread)
-    # steps of the converter: their variance is added, because the residuals before contact may not show them
-    known = problem.residual_variance(bread @ J.T, forces)
-    grow = np.sqrt(1.0 + known / np.maximum(np.diag(plain), 1e-300))
-    cov = plain * np.outer(grow, grow)
-    # relative weights: rows before contact have white noise, which hides the correlation of those in contact
-    if problem.relative:
-        touched = [r[np.abs(f) > 0.05 * np.abs(f).max()] for f, r in zip(pressed, weighted, strict=True)]
-        few = max(len(J) / noise.inflation(touched, size), LEAST_EFFECTIVE * size)
-        if few < effective:
-            cov, effective = cov * (effective - size) / (few - size), few
-    # noise that grows with the force
-    gains = [noise.gain(f * w, r, size) for f, w, r in zip(pressed, problem.weight, weighted, strict=True)]
-    if all(found is not None for found in gains) and not problem.relative:
-        found = [each for each in gains if each is not None]
-        larger = noise.sandwich(J, bread, [block for block, _ in found])
-        if np.trace(larger) > 0.0:
-            few = sum(count for _, count in found)
-            effective = max(min(effective, few), LEAST_EFFECTIVE * size)
-            grow = np.sqrt(np.maximum(np.diag(larger) / np.diag(cov), 1.0))
-            cov = cov * np.outer(grow, grow)
-    return cov, effective
 
 
 def widen_by_scatter(problem: Problem, pooled: Estimate) -> None:

@@ -175,7 +175,7 @@ def _widen(
     notes += touching + checks.baselines(problem, best) + misfits + checks.few_rows_with_gain(problem, best)
     widened = bool(touching or misfits or hidden or len(problem.presses) > 1)
     steady, more = checks.allow_for_drift(problem, best, drift, widened)
-    notes += more
+    notes += more + checks.undetermined_terms(problem, best)
     if limited := _limited(problem.law, best):
         best.withhold()
         notes.append(limited)

@@ -66,6 +66,7 @@ class MeasuredPress:
     step    [N]  of the converter of the force; 0: no repeated values show one
     remarks  which columns were read, and which lines were not
     specimen  what is pressed, as the file names it; "": it does not
+    averaged  rows of the file that each row is the mean of
     air     whether rows before contact show the zero of the force; else the fit searches zero and touch point widely
     """
 
@@ -83,6 +84,7 @@ class MeasuredPress:
     step: float = 0.0
     rise: Rise | None = None
     specimen: str = ""
+    averaged: int = 1
 
     @cached_property
     def rate(self) -> np.ndarray:
@@ -328,4 +330,4 @@ def thin_press(press: MeasuredPress) -> MeasuredPress:
         return values[: count * many].reshape(count, many).mean(axis=1)
 
     time = None if press.time is None else mean(press.time)
-    return replace(press, time=time, depth=mean(press.depth), force=mean(press.force))
+    return replace(press, time=time, depth=mean(press.depth), force=mean(press.force), averaged=many)

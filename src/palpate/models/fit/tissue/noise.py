@@ -26,6 +26,7 @@ SURE_ROWS, MOST_RHO = 30, 0.9  # Rows from which on their correlation is estimat
 LEAST_GAIN = 6  # Least rows in contact, and before it, whose residuals are compared
 BEAT = 0.01  # [1] Relative uncertainty of the fitted forces
 HARMONICS = np.arange(1, 9)
+LEAST_DITHER = 20  # Least rows at small forces that show the noise before a converter
 
 
 def step_of(force: np.ndarray) -> float:
@@ -43,11 +44,13 @@ def step_of(force: np.ndarray) -> float:
     return step if float(np.abs(apart / step - np.round(steps)).max()) < ON_GRID else 0.0
 
 
-def quantised_variance(rows: np.ndarray, force: np.ndarray, step: float, noise: float) -> np.ndarray:
+def quantised_variance(rows: np.ndarray, force: np.ndarray, step: float, noise: float, averaged: int = 1) -> np.ndarray:
     """Variance (k,) of the sums of `rows` (k, n) times the errors [N] of a converter at these forces (n,) [N].
 
-    A harmonic may alias with the sampling: each takes the largest variance for steps within `BEAT` of this one, because
+    A harmonic may alias with the sampling: each takes the mean variance over steps within `BEAT` of this one, because
     the fitted forces are not exact.
+
+    averaged  rows of the file that each row is the mean of: the part that noise decorrelates is smaller by this factor
     """
     out = np.zeros(len(rows))
     scales = np.linspace(1.0 - BEAT, 1.0 + BEAT, 41)
@@ -58,9 +61,9 @@ def quantised_variance(rows: np.ndarray, force: np.ndarray, step: float, noise: 
         if power < 1e-6:
             break
         waves = first if k == 1 else waves * first
-        out += power * (np.abs(rows @ waves) ** 2).max(axis=1)
+        out += power * (np.abs(rows @ waves) ** 2).mean(axis=1)
         left -= power
-    return step**2 * (out + max(left, 0.0) * np.sum(rows**2, axis=1))
+    return step**2 * (out + max(left, 0.0) / averaged * np.sum(rows**2, axis=1))
 
 
 def gain(force: np.ndarray, residual: np.ndarray, unknowns: int) -> tuple[np.ndarray, float] | None:
@@ -103,16 +106,35 @@ def noise_before(force: np.ndarray) -> float:
     return float(np.median(np.abs(np.diff(force, 2)))) / 0.6745 / math.sqrt(6.0)
 
 
-def dither(force: np.ndarray, step: float) -> float:
-    """Lower bound of the noise [N] before the converter: rounding adds at most q²/4 to the variance."""
-    return math.sqrt(max(float(np.mean(np.diff(force, 2) ** 2)) / 6.0 - 0.25 * step**2, 0.0))
+def dither(measured: np.ndarray, force: np.ndarray, step: float, averaged: int = 1) -> float:
+    """Noise [N] before the converter, from the second differences of the measured forces (n,).
+
+    They have the expected square 6 s² + sum_k c_k (1 - exp(-(2 pi k s/q)²)) of the errors of a converter at the fitted
+    forces (n,), which grows with s. Before contact, where the errors matter most, these rows alone are compared if
+    they suffice: noise may grow with the force.
+    """
+    small = np.abs(force - force[0]) < 0.1 * np.ptp(force)
+    first = np.flatnonzero(small[:-2] & small[1:-1] & small[2:])
+    if len(first) < LEAST_DITHER:
+        first = np.arange(len(force) - 2)
+    seen = float(np.mean((measured[first] - 2.0 * measured[first + 1] + measured[first + 2]) ** 2)) * averaged
+    most = math.sqrt(seen / 6.0)
+    sizes = most * np.linspace(0.0, 1.0, 201)
+    one, two = force[first + 1] - force[first], force[first + 2] - force[first + 1]
+    expected = 6.0 * sizes**2 + 0.5 * step**2
+    for k in HARMONICS:
+        turn = 2.0 * math.pi * k / step
+        c = float(np.mean(4.0 * np.cos(turn * one) + 4.0 * np.cos(turn * two) - 2.0 * np.cos(turn * (one + two))))
+        expected -= step**2 * c / (2.0 * math.pi**2 * k**2) * np.exp(-((turn * sizes) ** 2))
+    return float(sizes[int(np.argmax(expected >= seen))]) if (expected >= seen).any() else most
 
 
-def sandwich(J: np.ndarray, bread: np.ndarray, blocks: Sequence[np.ndarray]) -> np.ndarray:
-    """Covariance (p, p) of the unknowns of a least-squares fit, (J'J)^-1 J' C J (J'J)^-1, with C block-diagonal."""
-    at, middle = 0, np.zeros_like(bread)
+def sandwich(influence: np.ndarray, blocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Covariance (p, p) of the unknowns, which change by `influence` (p, n) with the weighted forces, with the
+    covariances of these in each press."""
+    at, out = 0, np.zeros((len(influence), len(influence)))
     for block in blocks:
-        part = J[at : at + len(block)]
-        middle += part.T @ block @ part
+        part = influence[:, at : at + len(block)]
+        out += part @ block @ part.T
         at += len(block)
-    return bread @ middle @ bread
+    return out

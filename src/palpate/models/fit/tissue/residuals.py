@@ -1,4 +1,4 @@
-"""Statistics of serially correlated residuals: effective number, runs test, lack-of-fit test."""
+"""Statistics of serially correlated residuals: effective number, likely correlations, runs test, lack-of-fit test."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +10,8 @@ CORRELATIONS = np.tanh(np.linspace(0.0, 3.5, 36))  # [1] Autocorrelations at lag
 
 
 def inflation(residuals: Sequence[np.ndarray], parameters: int) -> float:
-    """Autocorrelation time tau >= 1 of the residuals of presses, with the bias correction of Marriott and Pope."""
+    """Autocorrelation time tau >= 1 of the residuals of presses, corrected for its bias in short records (F. H. C.
+    Marriott, J. A. Pope, Biometrika 41 (1954) 390-402)."""
     taus = []
     for r in residuals:
         n = len(r)
@@ -49,20 +50,33 @@ def lack_of_fit(
     begins = np.cumsum([0, *map(len, residuals[:-1])])
     r, every = np.concatenate(residuals), np.column_stack([jacobian, *groups.values()])
     n, free = len(r), len(r) - every.shape[1]
-    left, noise = _residual_squares(jacobian, r, begins), _residual_squares(every, r, begins)
     chances = dict.fromkeys(groups, 1.0)
     if free < every.shape[1]:
         return chances
-    (all_left, size), alone = noise(CORRELATIONS), left(CORRELATIONS)[0]
-    logs = len(begins) * np.log(1.0 - CORRELATIONS**2) - size - free * np.log(np.maximum(all_left, 1e-300))
-    weights = np.exp(0.5 * (logs - logs.max())) * (1.0 - CORRELATIONS**2)  # by the spacing of the grid
+    alone, _ = _residual_squares(jacobian, r, begins)(CORRELATIONS)
+    logs, variances = correlation_likelihoods(r, every, begins)
+    weights, white = np.exp(logs - logs.max()), variances * (1.0 - CORRELATIONS**2)
     for name, columns in groups.items():
         both, k = _residual_squares(np.column_stack([jacobian, columns]), r, begins), columns.shape[1]
         squares, _ = both(CORRELATIONS)
         if alone[0] - squares[0] > n * least**2:  # without correlation
-            ratios = (alone - squares) / k / (np.maximum(all_left, 1e-300) / free)
+            ratios = (alone - squares) / k / white
             chances[name] = float(weights @ f_distribution.sf(ratios, k, free) / weights.sum())
     return chances
+
+
+def correlation_likelihoods(r: np.ndarray, jacobian: np.ndarray, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of the restricted likelihoods of `CORRELATIONS` rho of autoregressive noise e_i = rho e_(i-1) + white,
+    up to a constant, with the weight of their spacing; and the variances of e that the residuals r (n,) of a fit with
+    this Jacobian (n, p) then show: the squares of the whitened residuals over n - p, over 1 - rho².
+
+    begins  rows that do not depend on the one before
+    """
+    free = max(len(r) - jacobian.shape[1], 1)
+    left, size = _residual_squares(jacobian, r, begins)(CORRELATIONS)
+    left, fresh = np.maximum(left, 1e-300), 1.0 - CORRELATIONS**2
+    logs = 0.5 * (len(begins) * np.log(fresh) - size - free * np.log(left)) + np.log(fresh)
+    return logs, left / free / fresh
 
 
 def _residual_squares(
