@@ -128,8 +128,9 @@ def _baseline(time: np.ndarray, depth: np.ndarray, rng: np.random.Generator, fla
 def _noise(kind: str, force: np.ndarray, rng: np.random.Generator, flaws: dict[str, float]) -> np.ndarray:
     """(n) Noise over the peak."""
     size, n = _spread(rng, 5e-4, 2e-2), len(force)
-    if kind == "hum":
-        return size * math.sqrt(2.0) * np.sin(2.0 * math.pi * (np.arange(n) / _spread(rng, 3, 40) + rng.uniform()))
+    if kind == "hum":  # of an amplifier that has white noise too
+        line = math.sqrt(2.0) * np.sin(2.0 * math.pi * (np.arange(n) / _spread(rng, 3, 40) + rng.uniform()))
+        return size * (line + _spread(rng, 0.03, 0.3) * rng.standard_normal(n))
     if kind == "heavy-tailed":
         return size * np.clip(rng.standard_t(3, n), -8.0, 8.0) / math.sqrt(3.0)
     white = rng.standard_normal(n)

@@ -28,7 +28,7 @@ FLAWS = (
     "two cycles", "hold",
 )  # fmt: skip
 KEPT = "presses.jsonl"
-REMARKS = ("excluded", "baseline was fitted", "rise was fitted", "mesh and table:")
+REMARKS = ("excluded", "baseline was fitted", "rise was fitted", "hum was fitted", "mesh and table:")
 """Parts of notes that describe the fit and warn of no wrong value."""
 
 

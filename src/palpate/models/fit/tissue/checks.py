@@ -13,7 +13,15 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.stats import f as fisher
 
-from palpate.models.fit.tissue.estimate import LEAST_PER_UNKNOWN, Estimate, Problem, estimate, starts
+from palpate.models.fit.tissue.estimate import (
+    LEAST_PER_UNKNOWN,
+    TOUCH_STARTS,
+    Estimate,
+    Problem,
+    estimate,
+    from_minima,
+    starts,
+)
 from palpate.models.fit.tissue.measured import LEAST_AIR, MOST_RISE, RARE, SUSPECT, MeasuredPress, Rise, deepest_row
 from palpate.models.fit.tissue.noise import SURE_ROWS, gain, in_contact, noise_before
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
@@ -172,7 +180,7 @@ def allow_for_drift(
             f"contact. If you know that the zero does not drift, --drift none gives {known}"
         ]
     other = enough[-1]
-    free = estimate(other, begin=_begins(other, best))
+    free = estimate(other, begin=from_minima(other, best))
     if free.is_open(problem.parameters[0]):
         best.withhold()
         option = "linear" if bends and all(press.drifts for press in problem.presses) else "none"
@@ -240,7 +248,7 @@ def include_rise(
     if risen.count < LEAST_PER_UNKNOWN * len(risen.names):
         return problem, best, [], []
     # the touch point of a fit without the rise may lie far before that with it: another minimum
-    better = estimate(risen, begin=[*_begins(risen, best), *starts(risen)])
+    better = estimate(risen, begin=[*from_minima(risen, best), *starts(risen)[:TOUCH_STARTS]])
     sizes = [better.number(f"rise, {press.name}")[0] for press in risen.presses]
     if max(map(abs, sizes)) > 99.0 * MOST_RISE:  # at its limit: the begin of a law of this shape
         return problem, best, [], []
@@ -317,7 +325,7 @@ def widen(problem: Problem, best: Estimate, chances: dict[str, float]) -> tuple[
         other = problem.with_changes(**change)
         if other.count < LEAST_PER_UNKNOWN * len(other.names):
             continue
-        free = estimate(other, profiles=False, begin=_begins(other, best))
+        free = estimate(other, profiles=False, begin=from_minima(other, best))
         moved = []
         for p in problem.parameters:
             now, its = best.intervals[p.name], free.intervals[p.name]
@@ -427,13 +435,6 @@ def _with_rise(problem: Problem, best: Estimate, free: bool) -> list[MeasuredPre
         away = touch - float(press.depth.min())
         out.append(replace(press, rise=Rise(max(gains)[1], away, free)) if gains else press)
     return out
-
-
-def _begins(other: Problem, best: Estimate) -> list[np.ndarray]:
-    """Starts of a problem with more unknowns: the minima of a fit."""
-    first = dict(zip(other.names, other.start(), strict=True))
-    known = [first | dict(zip(best.names, x, strict=True)) for x in best.minima]
-    return [np.array([each[name] for name in other.names]) for each in known]
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from scipy.stats import t as student
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import covariance, noise, relaxing, separable
 from palpate.models.fit.tissue.covariance import LEVEL
-from palpate.models.fit.tissue.measured import MOST_RISE, MeasuredPress, Rise
+from palpate.models.fit.tissue.measured import MOST_RISE, Hum, MeasuredPress, Rise
 from palpate.models.fit.tissue.profile import Interval, include_profiles, linear_interval
 from palpate.models.fit.tissue.residuals import runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
@@ -126,6 +126,9 @@ class Problem:
             if press.rise:
                 self.baselines.append((f"rise, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
                 self.rises.append((len(self.baselines) - 1, i, press.rise))
+            if press.hum:
+                self.baselines += [(f"{part} of the hum, {press.name}", i, 0.01 * peak * column)
+                                   for part, column in _waves(press.hum, press.elapsed)]  # fmt: skip
             if press.bends:
                 self.baselines.append((f"bend, {press.name}", i, 0.01 * peak * press.elapsed**2))
         self.names = [p.name for p in self.parameters]
@@ -267,7 +270,7 @@ class Problem:
         for press, force, w in zip(self.presses, forces, self.weight, strict=True):
             if press.step:
                 part = rows[:, at : at + len(force)] * w
-                dither = noise.dither(press.force, force, press.step, press.averaged)
+                dither = noise.dither(press.force - force, force, press.step, press.averaged)
                 out += noise.quantised_variance(part, force, press.step, dither, press.averaged)
             at += len(force)
         return out
@@ -416,6 +419,21 @@ def _distinct(found: Sequence[tuple[np.ndarray, float]], parameters: int) -> lis
         if all(np.abs(x - y)[:parameters].max() > APART for y, _ in out):
             out.append((x, squares))
     return out
+
+
+def _waves(hum: Hum, elapsed: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Shapes (n,) of a line: its sine and cosine, and its derivative by the cycles over that at the ends."""
+    turn = 2.0 * math.pi * hum.cycles * elapsed
+    sine, cosine = np.sin(turn), np.cos(turn)
+    change = (hum.sine * cosine - hum.cosine * sine) / math.hypot(hum.sine, hum.cosine)
+    return [("sine", sine), ("cosine", cosine), ("frequency", (2.0 * elapsed - 1.0) * change)]
+
+
+def from_minima(other: Problem, best: Estimate) -> list[np.ndarray]:
+    """Starts of a problem with more unknowns: the minima of a fit."""
+    first = dict(zip(other.names, other.start(), strict=True))
+    known = [first | dict(zip(best.names, x, strict=True)) for x in best.minima]
+    return [np.array([each[name] for name in other.names]) for each in known]
 
 
 def starts(problem: Problem) -> list[np.ndarray]:

@@ -12,6 +12,7 @@ from palpate.models.fe.progress import Report, unheard
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, Estimate, Problem, estimate, widen_by_scatter
+from palpate.models.fit.tissue.hum import include_hum
 from palpate.models.fit.tissue.measured import LEAST_ROWS, STEEPEST, MeasuredPress, deepest_row, thin_press
 from palpate.models.fit.tissue.mesh_error import include_mesh_error
 from palpate.models.fit.tissue.plausible import check_units
@@ -116,8 +117,10 @@ def fit_tissue(
     # fit the rows in the range of the law, and widen the intervals
     problem = Problem(whole, law, relaxation, touch, rig.kind == "cylinder")  # its forces span decades
     problem, best, more = _fit_in_range(problem)
+    notes += more + _weak(whole, problem.presses)
+    problem, best, more = include_hum(problem, best)
     loaded = problem.presses
-    notes += more + _weak(whole, loaded)
+    notes += more
     problem, best, steady, hidden, more = _widen(problem, best, rig, drift)
     notes += more
     if law.finer is not None:

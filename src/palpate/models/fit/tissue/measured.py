@@ -56,6 +56,18 @@ class Rise:
 
 
 @dataclass(frozen=True)
+class Hum:
+    """A line in the noise: sine sin(x) + cosine cos(x), x = 2 pi cycles t/(duration of the rows).
+
+    sine, cosine  [N]
+    """
+
+    cycles: float
+    sine: float
+    cosine: float
+
+
+@dataclass(frozen=True)
 class MeasuredPress:
     """One press: time [s] (n,) or None, indentation [m] (n,), force [N] (n,) without its zero.
 
@@ -63,6 +75,7 @@ class MeasuredPress:
     zero    [N]  mean force before contact, subtracted from `force`; the fit estimates the remaining offset
     drifts, bends  whether the fit includes a baseline that is linear, and one that is quadratic in time
     rise    of the force before contact that the fit includes
+    hum     of the sensor that the fit includes
     step    [N]  of the converter of the force; 0: no repeated values show one
     remarks  which columns were read, and which lines were not
     specimen  what is pressed, as the file names it; "": it does not
@@ -83,6 +96,7 @@ class MeasuredPress:
     remarks: tuple[str, ...] = ()
     step: float = 0.0
     rise: Rise | None = None
+    hum: Hum | None = None
     specimen: str = ""
     averaged: int = 1
 

@@ -106,8 +106,8 @@ def noise_before(force: np.ndarray) -> float:
     return float(np.median(np.abs(np.diff(force, 2)))) / 0.6745 / math.sqrt(6.0)
 
 
-def dither(measured: np.ndarray, force: np.ndarray, step: float, averaged: int = 1) -> float:
-    """Noise [N] before the converter, from the second differences of the measured forces (n,).
+def dither(residual: np.ndarray, force: np.ndarray, step: float, averaged: int = 1) -> float:
+    """Noise [N] before the converter, from the second differences of the residuals (n,).
 
     They have the expected square 6 s² + sum_k c_k (1 - exp(-(2 pi k s/q)²)) of the errors of a converter at the fitted
     forces (n,), which grows with s. Before contact, where the errors matter most, these rows alone are compared if
@@ -117,7 +117,7 @@ def dither(measured: np.ndarray, force: np.ndarray, step: float, averaged: int =
     first = np.flatnonzero(small[:-2] & small[1:-1] & small[2:])
     if len(first) < LEAST_DITHER:
         first = np.arange(len(force) - 2)
-    seen = float(np.mean((measured[first] - 2.0 * measured[first + 1] + measured[first + 2]) ** 2)) * averaged
+    seen = float(np.mean((residual[first] - 2.0 * residual[first + 1] + residual[first + 2]) ** 2)) * averaged
     most = math.sqrt(seen / 6.0)
     sizes = most * np.linspace(0.0, 1.0, 201)
     one, two = force[first + 1] - force[first], force[first + 2] - force[first + 1]

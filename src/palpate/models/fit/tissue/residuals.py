@@ -19,10 +19,11 @@ def inflation(residuals: Sequence[np.ndarray], parameters: int) -> float:
         size = float(r @ r)
         if n < 8 or size == 0.0:
             continue
-        rho = np.array([float(r[k:] @ r[: n - k]) / size for k in range(1, n // 3)])
-        first = min(rho[0] + (1.0 + 3.0 * rho[0] + fitted) / n, 0.995)
-        summed = 1.0
-        for k, value in enumerate(rho, 1):  # up to the first insignificant one
+        summed, first = 1.0, 0.0
+        for k in range(1, n // 3):  # up to the first insignificant one
+            value = float(r[k:] @ r[: n - k]) / size
+            if k == 1:
+                first = min(value + (1.0 + 3.0 * value + fitted) / n, 0.995)
             value += (1.0 + fitted) / n
             if value < 2.0 / math.sqrt(n) * (0.5 if k > 1 else 1.0):
                 break
