@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from palpate.models.fit.tissue.errors.hum import include_hum
 from palpate.models.fit.tissue.estimate import Problem, estimate
 from palpate.models.fit.tissue.fit import fit_tissue
-from palpate.models.fit.tissue.hum import include_hum
 from palpate.models.fit.tissue.measured import prepare_press
 from palpate.models.fit.tissue.residuals import CORRELATIONS, correlation_likelihoods
 from palpate.models.fit.tissue.rigs import Rig, closed_form

@@ -19,8 +19,9 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue import covariance, noise, relaxing, separable
-from palpate.models.fit.tissue.covariance import LEVEL
+from palpate.models.fit.tissue import noise, relaxing, separable
+from palpate.models.fit.tissue.errors import covariance
+from palpate.models.fit.tissue.errors.covariance import LEVEL
 from palpate.models.fit.tissue.measured import MOST_RISE, Hum, MeasuredPress, Rise
 from palpate.models.fit.tissue.profile import Interval, include_profiles, linear_interval
 from palpate.models.fit.tissue.residuals import runs

@@ -11,8 +11,8 @@ from scipy.optimize import least_squares
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import checks
+from palpate.models.fit.tissue.errors.hum import include_hum
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, Estimate, Problem, estimate, widen_by_scatter
-from palpate.models.fit.tissue.hum import include_hum
 from palpate.models.fit.tissue.measured import LEAST_ROWS, STEEPEST, MeasuredPress, deepest_row, thin_press
 from palpate.models.fit.tissue.mesh_error import include_mesh_error
 from palpate.models.fit.tissue.plausible import check_units
