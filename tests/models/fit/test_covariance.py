@@ -90,7 +90,8 @@ def test_a_hum_is_fitted_with_the_parameters():
     fit = fit_tissue(
         [press_of(BALL, 200, 0.4, None, humming(np.random.default_rng(0), 200, 0.01, 0.001))], BALL, "hertz"
     )
-    value, low, high = fit.young
+    found_young = fit.estimate.intervals["young"]
+    value, low, high = found_young.value, found_young.low, found_young.high
     assert high - low < 0.05 * value and low <= YOUNG <= high
     assert any("a hum was fitted" in note for note in fit.notes)
 
@@ -99,7 +100,7 @@ def test_a_hum_alone_does_not_change_the_value():
     rng, time = np.random.default_rng(1), np.linspace(0.0, 1.0, 200)
     noise = 0.02 * np.sin(2.0 * math.pi * (25.3 * time + rng.uniform()))
     fit = fit_tissue([press_of(BALL, 200, 0.4, rng, noise)], BALL, "hertz")
-    assert fit.young[0] == pytest.approx(YOUNG, rel=1e-4)
+    assert fit.estimate.intervals["young"].value == pytest.approx(YOUNG, rel=1e-4)
     (note,) = [note for note in fit.notes if "hum" in note]
     assert "25.3 cycles (25.3 Hz)" in note
 
