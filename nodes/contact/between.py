@@ -16,9 +16,12 @@ from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, press_on, ride_on
-from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, tangents_of
+from palpate.nodes.contact.followed import follow, jumped, renew_factor
+from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, measure_along, tangents_of
+from palpate.physics.bodies.between_rows import SPRINGS, Law
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
+from palpate.physics.contact.organs import following
 from palpate.physics.contact.organs.borders import contact_area
 from palpate.physics.contact.organs.candidates import Candidates, Shares, candidates
 from palpate.physics.contact.organs.rigid_motion import RIDE
@@ -34,8 +37,10 @@ COARSE = 2e-3  # [m] Spacing of the candidates above which a note is printed
 class BodySide(NamedTuple):
     """One of the two bodies: its terminals, see `between_bodies.BetweenBody`, and the shares of the candidates.
 
-    begins (m+1)  first share of each candidate;  vertices, weights (k)  of the shares, see `candidates.Shares`
-    place (m,3)   centre of each candidate [m]
+    begins (m+1), ends (m)  first share of each candidate, and the one after its last
+    vertices, shares (k)  see `candidates.Shares`
+    place (m,3)   centre of each candidate [m];  centre (m,3)  that for which the compliances were computed
+    normal (m,3)  direction for which they were computed
     gathered (t,3), touched (2,t)  workspace of `physics.contact.organs.between.open_by`
     slot (V)      place of a vertex in `nodes`, -1: none; -1 between steps
     nodes (k), forces [N] (k,3)  the load on the body
@@ -46,9 +51,12 @@ class BodySide(NamedTuple):
     response: Annotated[np.ndarray, "<f8", 2]
     aside: Annotated[np.ndarray, "<f8", 2]
     begins: Annotated[np.ndarray, "<i8", 1]
+    ends: Annotated[np.ndarray, "<i8", 1]
     vertices: Annotated[np.ndarray, "<i8", 1]
     shares: Annotated[np.ndarray, "<f8", 1]
     place: Annotated[np.ndarray, "<f8", 2]
+    centre: Annotated[np.ndarray, "<f8", 2]
+    normal: Annotated[np.ndarray, "<f8", 2]
     gathered: Annotated[np.ndarray, "<f8", 2]
     touched: Annotated[np.ndarray, "<i8", 2]
     slot: Annotated[np.ndarray, "<i8", 1]
@@ -56,15 +64,15 @@ class BodySide(NamedTuple):
     forces: Annotated[np.ndarray, "<f8", 2]
 
 
-def _side(body: BetweenBody, shares: Shares, count: int) -> BodySide:
+def _side(body: BetweenBody, shares: Shares, normal: np.ndarray) -> BodySide:
     size, terminals = len(body.corners), len(body.response) // 3
-    used = len(np.unique(shares.vertices))
+    used, begins = len(np.unique(shares.vertices)), np.searchsorted(shares.cells, np.arange(len(normal) + 1))
+    place = np.ascontiguousarray(shares.place)
     return BodySide(
         np.ascontiguousarray(body.corners, np.int64), np.ascontiguousarray(body.weights, float), body.response,
-        body.aside, np.searchsorted(shares.cells, np.arange(count + 1)).astype(np.int64), shares.vertices,
-        shares.weights,
-        np.ascontiguousarray(shares.place), np.zeros((terminals, 3)), np.zeros((2, terminals), np.int64),
-        np.full(size, -1), np.zeros(used, np.int32), np.zeros((used, 3)),
+        body.aside, begins.astype(np.int64), begins[1:].astype(np.int64), shares.vertices, shares.weights, place,
+        place.copy(), normal.copy(), np.zeros((terminals, 3)), np.zeros((2, terminals), np.int64), np.full(size, -1),
+        np.zeros(used, np.int32), np.zeros((used, 3)),
     )  # fmt: skip
 
 
@@ -113,16 +121,16 @@ def take_loads(load, fingers, side, others, opened, pressing, aside, moved):
 
 
 @ieee_kernel
-def spread_forces(pair, side, normal, rubs, sign):
+def spread_forces(pair, side, rubs, sign):
     """Fill nodes and forces of a side's load with the forces of the candidates, `sign` (p n + friction [N] (m,3));
     returns the number of nodes."""
-    count, active = 0, pair.active
+    count, active, normal = 0, pair.active, side.normal
     for k in range(active.tally[0].active):
         i = active.order[k]
         force = sign * active.force[i]
         if force == 0.0:
             continue
-        for at in range(side.begins[i], side.begins[i + 1]):
+        for at in range(side.begins[i], side.ends[i]):
             v = side.vertices[at]
             if side.slot[v] < 0:
                 side.slot[v], side.nodes[count] = count, v
@@ -232,7 +240,7 @@ class Between(CompiledNode):
     `first` and `second` are the loads of the fingers on each body, then of other organs, in the order of the body's
     loads. The fingers feel the other body through `contact.Backed` or `contact.Joint`. A `contact.Side` sends the load
     on each body. `first_support` and `second_support` are the motions of their foundations (support.Moving). The bodies
-    are linear here: their large displacement is left out, and candidates stay where they were at the start.
+    are linear here: their large displacement is left out. The candidates follow where the organs slide (`followed`).
 
     reach   distance of the undeformed surfaces up to which they have candidates
     cells   most candidates; where the meshes have more vertices, neighbours are joined
@@ -262,6 +270,10 @@ class Between(CompiledNode):
         "rest": ARRAY, "supports": (2, 3), "apart": (3,), "carried": ARRAY,
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
         "strays": (2,), "allowed": (2,),  # greatest slide and approach by the foundations [m], and those of the cells
+        # Candidates that follow (`followed`): normals on the second organ, n.(x_1 - x_2) [m]; the next one; the largest
+        # force [N] at the end of the region with candidates.
+        "track": form(following.Track), "first_law": form(Law), "second_law": form(Law), "opposite": TABLE,
+        "before": ARRAY, "turn": int, "pose": (2, 6), "tangents": TABLE, "ended": (),
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
         # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;
         # gaps [m] that the last step expected; vertices [m]; forces of the candidates [N, N m]; friction [N] of the
@@ -278,11 +290,11 @@ class Between(CompiledNode):
     bodies at their places at the start, displacements [m] of both foundations and their difference, work [J] of the
     foundations; last feet and normal."""
     shared = (
-        "rest", "first_points", "second_points", "pair.first", "pair.second", "pair.retardation", "normals", "areas",
-        "borders", "strips",
-        "rub.tangents", "rub.first", "rub.second",
-        *(f"{side}.{name}" for side in ("one", "two")
-          for name in ("corners", "weights", "response", "aside", "begins", "vertices", "shares", "place")),
+        "first_points", "second_points", "pair.retardation", "areas", "borders", "strips", "one.begins", "two.begins",
+        *(f"track.{name}" for name in (
+            "begins", "vertices", "weights", "facing", "rim", "points", "cells", "discs", "star_at", "star"
+        )),
+        *(f"{law}_law.{name}" for law in ("first", "second") for name in ("compliance", "table", "softness", "areas")),
     )  # fmt: skip
 
     def start(self) -> None:
@@ -298,9 +310,10 @@ class Between(CompiledNode):
         ))  # fmt: skip
         self.hold("slid", np.zeros(2 * tangents.shape[1]))
         self.hold("pair", contact.pair(found.gap, one.matrix, two.matrix, (one.retardation, two.retardation)))
-        self.hold("one", _side(one, found.first, count))
-        self.hold("two", _side(two, found.second, count))
+        self.hold("one", _side(one, found.first, normal))
+        self.hold("two", _side(two, found.second, normal))
         self._hold_cells(found, normal, area)
+        self._found, self._meshes, self._laws = found, (sides[0].mesh, sides[-1].mesh), (one.law, two.law)
         self.hold("carried", np.zeros(1))
         self.hold("others", np.zeros((2, count)))
         self.resize([self.first_organs, self.second_organs])
@@ -361,7 +374,11 @@ class Between(CompiledNode):
             )
 
     def _hold_cells(self, found: Candidates, normal: np.ndarray, area: np.ndarray) -> None:
+        apart = found.first.place - found.second.place
+        x, y, z = (normal[:, i] * apart[:, i] for i in range(3))
+        self.hold("before", np.asarray(x + y + z))
         self.hold("rest", found.gap.copy())
+        self.hold("opposite", normal.copy())
         self.hold("normals", normal)
         self.hold("areas", area)
         self.hold("borders", np.ascontiguousarray(found.borders.cells))
@@ -379,7 +396,9 @@ class Between(CompiledNode):
             ride["matrix"] = np.eye(3)
 
     def resize(self, counts: list[int]) -> None:
-        """Room for the fingers on each body."""
+        """Room for the fingers on each body, and, with organs that move, for candidates that follow."""
+        if sum(counts[2:]) > 0:
+            self.make_follow()
         one, two = max(counts[0] - self.first_organs, 0), max(counts[1] - self.second_organs, 0)
         size = len(self._held["rest"])
         self.hold("opened", np.zeros((2, one + 1, size)))
@@ -387,6 +406,55 @@ class Between(CompiledNode):
         self.hold("along", np.zeros((2, max(one, two), size)))
         self.hold("yields", np.zeros((one, one)))
         self.hold("returns", np.zeros((two, two)))
+
+    def make_follow(self) -> None:
+        """Let the candidates follow when the organs slide on each other (`followed`)."""
+        found, count = self._found, len(self._found.gap)
+        if self.of_one_body or not count or len(self._held.get("track.last", ())):
+            return
+        self.hold("track", track := following.track(found, *self._meshes))
+        self.hold("tangents", np.zeros((2, 3)))
+        for side, name, law, slides in zip(
+            ("one", "two"), ("first", "second"), self._laws, (found.swapped, not found.swapped), strict=True
+        ):  # fmt: skip
+            self.hold(f"{name}_law", law)
+            if law.kind == SPRINGS:
+                self._free_springs(side)
+            if slides:
+                self._free_shares(side, track)
+                places = (found.first.place, found.second.place)[:: -1 if found.swapped else 1]
+                fields = self._held[f"pair.{name}"], self._held[f"rub.{name}"]
+                measure_along(law, *fields, *places, found.normal, self._held["rub.tangents"], found.area)
+
+    def _free_springs(self, side: str) -> None:
+        """Terminals at all vertices of a body of springs."""
+        used, size = self._held[f"{side}.weights"][:, 0] > 0.0, len(self._held[f"{side}.corners"])
+        for name in ("response", "aside"):
+            kept = self._held[f"{side}.{name}"]
+            if kept.size:
+                every = np.zeros((size, 3, kept.shape[1]))
+                every[used] = kept.reshape(-1, 3, kept.shape[1])
+                self._hold(self.own[side], name, every.reshape(3 * size, -1), f"{side}.{name}")
+        corners = np.zeros((size, 3), np.int64)
+        corners[:, 0] = np.arange(size)
+        for name, value in (
+            ("corners", corners), ("gathered", np.zeros((size, 3))), ("touched", np.zeros((2, size), np.int64)),
+        ):  # fmt: skip
+            self._hold(self.own[side], name, value, f"{side}.{name}")
+
+    def _free_shares(self, side: str, track: following.Track) -> None:
+        """Room for the shares of candidates on the body over which they slide: three for each vertex."""
+        begins, size = 3 * track.begins, len(self._held[f"{side}.corners"])
+        ends = begins[:-1] + np.diff(self._held[f"{side}.begins"])
+        vertices, shares = np.zeros(begins[-1], np.int64), np.zeros(begins[-1])
+        at = np.concatenate([np.arange(*each) for each in zip(begins, ends, strict=False)])
+        vertices[at], shares[at] = self._held[f"{side}.vertices"], self._held[f"{side}.shares"]
+        used = min(size, len(vertices))
+        for name, value in (
+            ("begins", begins), ("ends", ends), ("vertices", vertices), ("shares", shares),
+            ("nodes", np.zeros(used, np.int32)), ("forces", np.zeros((used, 3))),
+        ):  # fmt: skip
+            self._hold(self.own[side], name, value, f"{side}.{name}")
 
     def _sides(self) -> list[GivenBody]:
         """The bodies of `bodies`. SettingError: a body or surface cannot be used."""
@@ -433,6 +501,8 @@ class Between(CompiledNode):
             ride_on(own, pair, rub, first_support, first_support.count - 1, second_support, second_support.count - 1)
         elif carries:
             moved = carry(own, pair, rub, normal, first_support, second_support)
+        if carries:
+            renew_factor(pair, follow(own, pair, rub, one, two))
         rubs = rub.tangents.shape[1] > 0
         if rubs:
             open_by_friction(rub, others)
@@ -447,6 +517,8 @@ class Between(CompiledNode):
         contact.responses(pair, pair.active, 0, 1, again[0], again[1], rests.values, dt, along, floats(own.returns))
         put(out.friction, summed(rub))
         answer(own, pair, rub, one, two, normal, out)
+        if carries:  # the motion is prescribed, and bears this as well
+            floats(own.carried)[0] -= jumped(own, pair)
         if rides:
             put(out.resultant, end_ride(own, pair, rub, vector(out.friction)))
             balance_late(own, out)
@@ -457,9 +529,7 @@ class Between(CompiledNode):
             for x in range(3):
                 work[0] -= out.resultant[x] * moved[x]
             lend(out.carried, own.carried)
-        send_loads(own, out, spread_forces(pair, one, normal, rub.force, 1.0), spread_forces(
-            pair, two, normal, rub.force, -1.0
-        ))  # fmt: skip
+        send_loads(own, out, spread_forces(pair, one, rub.force, 1.0), spread_forces(pair, two, rub.force, -1.0))
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         side = int(self.own["fault_side"])
@@ -484,12 +554,18 @@ class Between(CompiledNode):
                 "foundation, or landed on it, within a step: a higher rate generates less",
             )  # fmt: skip
         (aside, nearer), (cell, reach) = self.known["strays"], self.known["allowed"]
-        if aside > cell > 0.0:
+        if aside > cell > 0.0 and not self.known["track"]["last"]["shape"][0]:
             self._note_growth(
                 "slide", aside,
                 f"Between: the foundations slid by up to {1e3 * aside:.3g} mm against each other, more than the "
                 f"{1e3 * cell:.2g} mm between the candidates, which stay where they were at the start: places and "
                 "directions of the forces, and the gaps of curved organs, are approximate",
+            )  # fmt: skip
+        if (ended := self.known["ended"]) > 0.0:
+            self._note_growth(
+                "ended", ended,
+                "Between: the contact reached the end of the region with candidates, where it lacks force: set "
+                "scene.between.reach to more",
             )  # fmt: skip
         if nearer > reach > 0.0:
             self._note_growth(

@@ -91,8 +91,8 @@ def against(own, one, two):
 def _cells(own, pair):
     """Fill the directions, levers and gaps of the candidates where both organs are."""
     rigid.place_cells(
-        own.ride[0], own.ride[1], floats(own.normals), floats(own.one.place), floats(own.two.place),
-        floats(own.turns), floats(own.levers), floats(own.rest), pair.gap,
+        own.ride[0], own.ride[1], floats(own.normals), floats(own.opposite), floats(own.one.place),
+        floats(own.two.place), floats(own.turns), floats(own.levers), floats(own.rest), floats(own.before), pair.gap,
     )  # fmt: skip
 
 

@@ -51,7 +51,7 @@ class Coupled(Between):
         "organs": (ROOM, coupled.ORGAN), "sides": TABLE, "touched": TABLE, "picks": CUBE, "starts": ARRAY,
         "matrix": TABLE, "gap": ARRAY, "active": form(ActiveSet),
         "wrench": (6,), "ways": (MOST_CONTACTS, 2, 3), "changes": (MOST_CONTACTS, 3), "bears": (MOST_CONTACTS,),
-        "loaded": (MOST_CONTACTS, 2),
+        "loaded": (MOST_CONTACTS, 2), "renewed": int,
     }  # fmt: skip
     """The contacts, each with the state of a `Between`, and the organs that they share; for each contact its supports
     and bodies, and the loads of fingers on them; first candidate of each. Their problem: matrix [m/N], gaps [m]. Motion
@@ -76,6 +76,7 @@ class Coupled(Between):
         for k, member in enumerate(self._members):
             member.start()
             member.resize([member.first_organs, member.second_organs])
+            member.make_follow()
             sizes.append(len(member._held["rest"]))
             self.own["members"][k] = member.own
             for path, array in member._held.items():

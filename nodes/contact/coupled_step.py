@@ -7,6 +7,7 @@ from palpate.compiler.records import floats, integers, longs, nth, put, unpackin
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.contact.between import pair_of, rub_of, side_of, spread_forces, summed
 from palpate.nodes.contact.carried import against, end_ride, press_on, ride_on
+from palpate.nodes.contact.followed import follow, jumped, renew_matrix
 from palpate.physics.bodies.floating.turning import cross
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
@@ -15,6 +16,7 @@ from palpate.physics.contact.organs.pivoting import ActiveSet, complement, refac
 from palpate.physics.contact.organs.rubbing import begin_rubbing, end_rubbing, open_by_friction, pull_of, solve_rubbing
 
 active_of = unpacking(ActiveSet)
+RENEWED = 16  # candidates with new compliances after which the matrix is computed again
 
 
 @ieee_kernel
@@ -278,6 +280,8 @@ def begin(own, loads, supports, dt):
         m = own.members[k]
         pair, rubs = pair_of(m.pair), rub_of(m.rub)
         ride_on(m, pair, rubs, supports, sides[k, 0], supports, sides[k, 1])
+        if renew_matrix(pair, follow(m, pair, rubs, side_of(m.one), side_of(m.two))):
+            own.renewed += 1
         expect(own, k, loads, supports)
         put(own.ways[k, 0], vector(rubs.carried))
         put(own.changes[k], (0.0, 0.0, 0.0))
@@ -295,7 +299,8 @@ def begin(own, loads, supports, dt):
                     organ.free[x], organ.pushed[x], organ.rubbed[x] = ride.ahead[x], 0.0, 0.0
     push_all(own, -1.0, 0)
     push_all(own, 1.0, 1)
-    if changed:
+    if changed or own.renewed > RENEWED:
+        own.renewed = 0
         build(own)
         refactor(floats(own.matrix), active_of(own.active))
 
@@ -332,9 +337,9 @@ def finish(own, k, dt):
     if rubs.tangents.shape[1] > 0:
         end_rubbing(pair, rubs, own.bears[k], dt)
     pull = summed(rubs)
+    m.late -= jumped(m, pair)
     whole = end_ride(m, pair, rubs, pull)
-    normal = floats(m.normals)
-    first = spread_forces(pair, side_of(m.one), normal, rubs.force, 1.0)
-    second = spread_forces(pair, side_of(m.two), normal, rubs.force, -1.0)
+    first = spread_forces(pair, side_of(m.one), rubs.force, 1.0)
+    second = spread_forces(pair, side_of(m.two), rubs.force, -1.0)
     own.loaded[k, 0], own.loaded[k, 1] = first, second
     return pull, whole

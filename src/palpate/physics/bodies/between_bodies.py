@@ -43,6 +43,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.exact import product
+from palpate.physics.bodies.between_rows import Law, condensed_law, plate_law, springs_law
 from palpate.physics.bodies.condensed_step import CondensedModel
 from palpate.physics.bodies.true_patch import sideways
 from palpate.physics.contact.organs.candidates import Shares
@@ -61,6 +62,7 @@ class BetweenBody(NamedTuple):
     aside       [m/N] (3t,2m)  displacement of each candidate along its tangents, those along t_1 before those along
                                t_2, by a unit force along each axis at each terminal
     drags       [m/N] (3m,2m)  the same by a unit force on each candidate along n, t_1 and t_2
+    law                        for candidates that follow (`between_rows`)
     """
 
     matrix: np.ndarray
@@ -68,6 +70,7 @@ class BetweenBody(NamedTuple):
     corners: np.ndarray
     weights: np.ndarray
     retardation: float
+    law: Law
     aside: np.ndarray = NO_FIELD
     drags: np.ndarray = NO_FIELD
 
@@ -95,7 +98,11 @@ def condensed_between(
         matrix += facing * local
     matrix = 0.5 * (matrix + matrix.T) / model.young
     response = np.ascontiguousarray(along.T) / model.young
-    body = BetweenBody(matrix, response, model.corners, model.weights, model.retardation)
+    true = model.true
+    law = condensed_law(
+        model.compliance, true.table, model.young, true.normal if len(true.table) else 0.0, true.tangential
+    )
+    body = BetweenBody(matrix, response, model.corners, model.weights, model.retardation, law)
     if not tangents.size:
         return body
     # displacement along the tangents by forces along n, t_1 and t_2
@@ -171,6 +178,25 @@ def mean_inverse(place: np.ndarray, area: np.ndarray) -> np.ndarray:
     return np.asarray(found)
 
 
+def measure_along(
+    law: Law, matrix: np.ndarray, drags: np.ndarray, fine: np.ndarray, other: np.ndarray, normal: np.ndarray,
+    tangents: np.ndarray, area: np.ndarray,
+) -> None:  # fmt: skip
+    """Change the distances in X of `matrix` [m/N] (m,m) and `drags` (3m,2m) to those of the places [m] (m,3) on the
+    organ on which the candidates stay, `fine`, from those on the `other` one, over which they slide: as in
+    `between_rows`, from the start on."""
+    if not len(law.table):
+        return
+    facing, count = np.maximum(product(normal, normal.T), 0.0), len(area)
+    local = np.where(facing > 0.0, law.local * (mean_inverse(fine, area) - mean_inverse(other, area)), 0.0)
+    matrix += facing * local
+    if not tangents.size:
+        return
+    for a, t in enumerate(tangents):
+        for b, e in enumerate(tangents):
+            drags[(b + 1) * count : (b + 2) * count, a * count : (a + 1) * count] += law.aside * product(e, t.T) * local
+
+
 def foundation_between(
     softness: np.ndarray,
     areas: np.ndarray,
@@ -190,8 +216,9 @@ def foundation_between(
     corners, on = np.zeros((len(areas), 3), np.int64), np.zeros((len(areas), 3))
     corners[used, 0], on[used, 0] = np.arange(len(used)), 1.0
     body = BetweenBody(
-        matrix, np.ascontiguousarray(response.reshape(len(normal), 3 * len(used)).T), corners, on, retardation
-    )
+        matrix, np.ascontiguousarray(response.reshape(len(normal), 3 * len(used)).T), corners, on, retardation,
+        springs_law(softness, areas),
+    )  # fmt: skip
     if not tangents.size:
         return body
     moved = [(weights * (softness[used] / areas[used]))[:, :, None] * t[:, None, :] for t in tangents]
@@ -212,7 +239,7 @@ def rigid_between(stiffness: float, size: int, normal: np.ndarray, tangents: np.
     """A plate of this stiffness [N/m], whose surface has `size` vertices. Other loads do not move it."""
     matrix = (np.ones((len(normal), len(normal))) + np.eye(len(normal))) / stiffness
     nothing = np.zeros((3, len(normal)))
-    body = BetweenBody(matrix, nothing, np.zeros((size, 3), np.int64), np.zeros((size, 3)), 0.0)
+    body = BetweenBody(matrix, nothing, np.zeros((size, 3), np.int64), np.zeros((size, 3)), 0.0, plate_law())
     if not tangents.size:
         return body
     return body._replace(aside=np.zeros((3, 2 * len(normal))), drags=_own_drags(matrix))

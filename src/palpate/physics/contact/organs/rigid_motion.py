@@ -1,10 +1,12 @@
 """Rigid motion of two organs that touch: gaps, lever arms, and what their foundations yield within a step.
 
 Organ b turns by R_b about c_b and moves by d_b. Candidate i is at x_bi on its surface at the start, and then at
-X_b = c_b + d_b + R_b (x_b - c_b). With the normal n_i at the start, D = X_1 - X_2 and h the unit vector along
-a + b, a = R_1 n, b = R_2 n, the gap of the bodies without deformation is
+X_b = c_b + d_b + R_b (x_b - c_b). With the normal n_i at the start, on both organs, D = X_1 - X_2 and h the unit vector
+along a + b, a = R_1 n, b = R_2 n, the gap of the bodies without deformation is
 
     g_i = g_0i + h.D - n.(x_1 - x_2)
+
+where a candidate that follows has new constants after a slide, with a normal of each organ (`following`)
 
 and its derivatives by the motions of both organs, h, -h and the levers t_b by their rotations about their centres
 C_b = c_b + d_b,
@@ -86,36 +88,47 @@ def rotated_back(ride: Record, x: Vector3):
 
 
 @kernel
-def place_cells(one: Record, two: Record, normal: Matrix, first: Matrix, second: Matrix, turns: Matrix, levers: Matrix,
-                rest: Array, gap: Array):  # fmt: skip
+def place_cells(
+    one: Record, two: Record, normal: Matrix, opposite: Matrix, first: Matrix, second: Matrix, turns: Matrix,
+    levers: Matrix, rest: Array, before: Array, gap: Array,
+):  # fmt: skip
     """Fill h [1] (m,3), t_1 and t_2 [m] (m,6) and g [m] (m) for the place of both organs.
 
-    normal n, first x_1, second x_2 (m,3), rest g_0  at the start
+    normal, opposite n_1, n_2, first x_1, second x_2 (m,3)  on the organs at the start
+    rest g_0, before n.(x_1 - x_2) [m] (m)
     """
     for i in range(len(gap)):
-        n = (normal[i, 0], normal[i, 1], normal[i, 2])
-        x, y = (first[i, 0], first[i, 1], first[i, 2]), (second[i, 0], second[i, 1], second[i, 2])
-        c, e = one.centre, two.centre
-        arm = rotated(one, (x[0] - c[0], x[1] - c[1], x[2] - c[2]))
-        leg = rotated(two, (y[0] - e[0], y[1] - e[1], y[2] - e[2]))
-        a, b = rotated(one, n), rotated(two, n)
-        s = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-        size = math.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
-        inverse = 1.0 / max(size, 1e-12)
-        h = (inverse * s[0], inverse * s[1], inverse * s[2])
-        d = (
-            (c[0] + one.at[0] + arm[0]) - (e[0] + two.at[0] + leg[0]),
-            (c[1] + one.at[1] + arm[1]) - (e[1] + two.at[1] + leg[1]),
-            (c[2] + one.at[2] + arm[2]) - (e[2] + two.at[2] + leg[2]),
-        )
-        along = h[0] * d[0] + h[1] * d[1] + h[2] * d[2]
-        before = n[0] * (x[0] - y[0]) + n[1] * (x[1] - y[1]) + n[2] * (x[2] - y[2])
-        gap[i] = rest[i] + (along - before)
-        aside = (inverse * (d[0] - along * h[0]), inverse * (d[1] - along * h[1]), inverse * (d[2] - along * h[2]))
-        t, u = cross(arm, h), cross(a, aside)
-        v, w = cross(leg, h), cross(b, aside)
-        for k in range(3):
-            turns[i, k], levers[i, k], levers[i, 3 + k] = h[k], t[k] + u[k], w[k] - v[k]
+        place_cell(one, two, normal, opposite, first, second, turns, levers, rest, before, gap, i)
+
+
+@kernel
+def place_cell(
+    one: Record, two: Record, normal: Matrix, opposite: Matrix, first: Matrix, second: Matrix, turns: Matrix,
+    levers: Matrix, rest: Array, before: Array, gap: Array, i: int,
+):  # fmt: skip
+    """`place_cells` of candidate i."""
+    n, m = (normal[i, 0], normal[i, 1], normal[i, 2]), (opposite[i, 0], opposite[i, 1], opposite[i, 2])
+    x, y = (first[i, 0], first[i, 1], first[i, 2]), (second[i, 0], second[i, 1], second[i, 2])
+    c, e = one.centre, two.centre
+    arm = rotated(one, (x[0] - c[0], x[1] - c[1], x[2] - c[2]))
+    leg = rotated(two, (y[0] - e[0], y[1] - e[1], y[2] - e[2]))
+    a, b = rotated(one, n), rotated(two, m)
+    s = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+    size = math.sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
+    inverse = 1.0 / max(size, 1e-12)
+    h = (inverse * s[0], inverse * s[1], inverse * s[2])
+    d = (
+        (c[0] + one.at[0] + arm[0]) - (e[0] + two.at[0] + leg[0]),
+        (c[1] + one.at[1] + arm[1]) - (e[1] + two.at[1] + leg[1]),
+        (c[2] + one.at[2] + arm[2]) - (e[2] + two.at[2] + leg[2]),
+    )
+    along = h[0] * d[0] + h[1] * d[1] + h[2] * d[2]
+    gap[i] = rest[i] + (along - before[i])
+    aside = (inverse * (d[0] - along * h[0]), inverse * (d[1] - along * h[1]), inverse * (d[2] - along * h[2]))
+    t, u = cross(arm, h), cross(a, aside)
+    v, w = cross(leg, h), cross(b, aside)
+    for k in range(3):
+        turns[i, k], levers[i, k], levers[i, 3 + k] = h[k], t[k] + u[k], w[k] - v[k]
 
 
 @kernel

@@ -1,0 +1,250 @@
+"""A row of the compliance of a body between the candidates of a contact, at a new place (`between_bodies`).
+
+Where organs slide, the candidates of one of them keep their places on it and move over the other one. Their compliance
+C_ij is computed again for one candidate i and all j, with the same equations as for all of them, in a time that does
+not grow with the number of candidates that have moved:
+
+    c_i = C Q_i' n_i,   C_ij = (c_i.Q_j' n_j + (1 - nu²)/pi <n_i.n_j> (X_ij - Q_i T Q_j'))/E
+
+Shares and directions of the last computation are those of the load that is sent to the body, and the distances in X are
+those on the organ on which the candidates stay: the matrix is that of one set of candidates at any time.
+"""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from palpate.compiler.kernel import ieee_kernel, kernel
+from palpate.physics.arrays import Array, Matrix, Record, Tensor, Vector3
+
+CONDENSED, SPRINGS, PLATE = 1, 2, 3
+NO_NUMBERS, NO_TABLE = np.zeros(0), np.zeros((0, 0), np.float32)
+
+
+class Law(NamedTuple):
+    """Constants of a body, and workspace that is zero between calls where nothing else is said.
+
+    kind        `CONDENSED`, `SPRINGS` or `PLATE`; 0: rows cannot be computed again
+    scale [1/Pa] 1/E;  local [1/Pa] (1 - nu²)/(pi E);  aside [1] (1 - nu/2)/(1 - nu)
+    compliance (3V,3V), table (V,V)  C [m/N] for a modulus of 1 Pa, and T [1/m]
+    softness q [m/Pa] (W), areas [m²] (W)  of springs at vertices of the surface
+    fields (3,3V)  c_i for forces along n, t_1 and t_2, not zero;  near (V)  Q_i T, not zero
+    hats, listed (V)  Q_i; the vertices where it is not zero
+    """
+
+    kind: int
+    scale: float
+    local: float
+    aside: float
+    compliance: Annotated[np.ndarray, "<f4", 2]
+    table: Annotated[np.ndarray, "<f4", 2]
+    softness: Annotated[np.ndarray, "<f8", 1]
+    areas: Annotated[np.ndarray, "<f8", 1]
+    fields: Annotated[np.ndarray, "<f8", 2]
+    near: Annotated[np.ndarray, "<f8", 1]
+    hats: Annotated[np.ndarray, "<f8", 1]
+    listed: Annotated[np.ndarray, "<i8", 1]
+
+
+def condensed_law(compliance: np.ndarray, table: np.ndarray, young: float, local: float, aside: float) -> Law:
+    """Of a condensed organ; arguments as in `Law`, E [Pa], (1 - nu²)/pi."""
+    size = len(compliance) // 3
+    return Law(
+        CONDENSED, 1.0 / young, local / young, aside, compliance, table, NO_NUMBERS, NO_NUMBERS,
+        np.zeros((3, 3 * size)), np.zeros(size), np.zeros(size), np.zeros(size, np.int64),
+    )  # fmt: skip
+
+
+def springs_law(softness: np.ndarray, areas: np.ndarray) -> Law:
+    """Of independent springs; arguments as in `Law`."""
+    return _local_law(SPRINGS)._replace(softness=np.ascontiguousarray(softness), areas=np.ascontiguousarray(areas))
+
+
+def plate_law() -> Law:
+    """Of a rigid plate, whose compliance is the same at all places."""
+    return _local_law(PLATE)
+
+
+def _local_law(kind: int) -> Law:
+    nothing = NO_NUMBERS, np.zeros((3, 0)), NO_NUMBERS, NO_NUMBERS, np.zeros(0, np.int64)
+    return Law(kind, 0.0, 0.0, 0.0, NO_TABLE, NO_TABLE, nothing[0], *nothing)
+
+
+@kernel
+def _gather(law: Law, side: Record, i: int):
+    """Fill `hats` and `listed` with Q_i; returns the number of vertices."""
+    count = 0
+    for at in range(side.begins[i], side.ends[i]):
+        v, share = side.vertices[at], side.shares[at]
+        for a in range(3):
+            weight, c = share * side.weights[v, a], side.corners[v, a]
+            if weight == 0.0:
+                continue
+            if law.hats[c] == 0.0:
+                law.listed[count] = c
+                count += 1
+            law.hats[c] += weight
+    return count
+
+
+@kernel
+def _field(law: Law, count: int, e: Vector3, out: Array):
+    """Fill `out` [m/N] (3V) with C Q_i' e for a modulus of 1 Pa."""
+    out[:] = 0.0
+    for k in range(count):
+        v = law.listed[k]
+        for x in range(3):
+            force = law.hats[v] * e[x]
+            if force != 0.0:
+                row = law.compliance[3 * v + x]
+                for j in range(len(out)):
+                    out[j] += force * row[j]
+
+
+@kernel
+def _seen(side: Record, j: int, field: Array, e: Vector3):
+    """e.Q_j times a field (3V)."""
+    value = 0.0
+    for at in range(side.begins[j], side.ends[j]):
+        v, share = side.vertices[at], side.shares[at]
+        for a in range(3):
+            c = 3 * side.corners[v, a]
+            value += share * side.weights[v, a] * (field[c] * e[0] + field[c + 1] * e[1] + field[c + 2] * e[2])
+    return value
+
+
+@kernel
+def _apart(side: Record, j: int, near: Array):
+    """Q_j times Q_i T [1/m]."""
+    value = 0.0
+    for at in range(side.begins[j], side.ends[j]):
+        v, share = side.vertices[at], side.shares[at]
+        for a in range(3):
+            value += share * side.weights[v, a] * near[side.corners[v, a]]
+    return value
+
+
+@kernel
+def inverse_apart(one: Vector3, other: Vector3, first: float, second: float, same: bool):
+    """X [1/m] of two discs of the areas [m²] pi times `first` and `second`, see `between_bodies.mean_inverse`."""
+    if same:
+        return 16.0 / (3.0 * np.pi * np.sqrt(first))
+    x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    away = max(np.sqrt(x * x + y * y + z * z), 0.5 * (np.sqrt(first) + np.sqrt(second)))
+    fourth = 9.0 / 192.0 * (first * first + second * second) + 9.0 / 64.0 * first * second
+    cube = away * away * away
+    return 1.0 / away + (first + second) / (8.0 * cube) + fourth / (cube * away * away)
+
+
+@ieee_kernel
+def renew_row(
+    law: Law, side: Record, i: int, sign: float, place: Matrix, area: Array, tangents: Tensor, matrix: Matrix,
+    drags: Matrix,
+):  # fmt: skip
+    """Compute row and column i of `matrix` [m/N] (m,m), `side.response`, `side.aside` and `drags` again.
+
+    side   its shares, and directions `normal` [1] (m,3); `clear_row` before they change
+    place  [m] (m,3) of the candidates on the organ on which they stay: their distances, for X, do not change
+    sign   -1: forces on the body act along -n, and its motion along n closes the gap
+    area [m²] (m), tangents [1] (2,m,3)  of the candidates
+    """
+    if law.kind == CONDENSED:
+        _renew_condensed(law, side, i, sign, place, area, tangents, matrix, drags)
+    elif law.kind == SPRINGS:
+        _renew_springs(law, side, i, sign, area, tangents, matrix, drags)
+
+
+@kernel
+def clear_row(law: Law, side: Record, i: int):
+    """Before the shares of candidate i change: springs that it leaves no longer move it."""
+    if law.kind != SPRINGS:
+        return
+    size = side.response.shape[1]
+    for at in range(side.begins[i], side.ends[i]):
+        for x in range(3):
+            row = 3 * side.vertices[at] + x
+            side.response[row, i] = 0.0
+            if side.aside.shape[1] > 0:
+                side.aside[row, i] = side.aside[row, size + i] = 0.0
+
+
+@kernel
+def _renew_springs(
+    law: Law, side: Record, i: int, sign: float, area: Array, tangents: Tensor, matrix: Matrix, drags: Matrix
+):
+    count, soft, rubs = len(matrix), 0.0, tangents.shape[1] > 0
+    for at in range(side.begins[i], side.ends[i]):
+        v, share = side.vertices[at], side.shares[at]
+        side.weights[v, 0] = 1.0
+        soft += share * law.softness[v]
+        each = share * law.softness[v] / law.areas[v]
+        for x in range(3):
+            side.response[3 * v + x, i] += sign * each * side.normal[i, x]
+            if rubs:
+                for a in range(2):
+                    side.aside[3 * v + x, a * count + i] += each * tangents[a, i, x]
+    matrix[i, i] = soft / area[i]
+    if rubs:
+        for a in range(2):
+            drags[(a + 1) * count + i, a * count + i] = matrix[i, i]
+
+
+@kernel
+def _renew_condensed(
+    law: Law, side: Record, i: int, sign: float, place: Matrix, area: Array, tangents: Tensor, matrix: Matrix,
+    drags: Matrix,
+):  # fmt: skip
+    count, size, rubs = len(matrix), len(law.hats), tangents.shape[1] > 0
+    normal, n = side.normal, vector3(side.normal, i)
+    listed = _gather(law, side, i)
+    # displacement of the body by unit forces on the candidate
+    _field(law, listed, n, law.fields[0])
+    if rubs:
+        for a in range(2):
+            _field(law, listed, vector3(tangents[a], i), law.fields[a + 1])
+    local = law.local > 0.0 and len(law.table) > 0
+    if local:
+        law.near[:] = 0.0
+        for k in range(listed):
+            row, hat = law.table[law.listed[k]], law.hats[law.listed[k]]
+            for v in range(size):
+                law.near[v] += hat * row[v]
+    for k in range(listed):
+        law.hats[law.listed[k]] = 0.0
+    # of all candidates
+    for j in range(count):
+        m, more = vector3(normal, j), 0.0
+        if local and n[0] * m[0] + n[1] * m[1] + n[2] * m[2] > 0.0:
+            apart = inverse_apart(vector3(place, i), vector3(place, j), area[i] / np.pi, area[j] / np.pi, i == j)
+            more = law.local * (apart - _apart(side, j, law.near))
+        facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0)
+        matrix[i, j] = matrix[j, i] = law.scale * _seen(side, j, law.fields[0], m) + facing * more
+        if rubs:
+            _renew_drags(law, side, i, j, sign, tangents, more, drags)
+    # by forces at the terminals
+    for k in range(3 * size):
+        side.response[k, i] = sign * law.scale * law.fields[0, k]
+        if rubs:
+            for a in range(2):
+                side.aside[k, a * count + i] = law.scale * law.fields[a + 1, k]
+
+
+@kernel
+def _renew_drags(law: Law, side: Record, i: int, j: int, sign: float, tangents: Tensor, more: float, drags: Matrix):
+    """Displacement along the tangents at j by forces at i, and at i by forces at j."""
+    count = tangents.shape[1]
+    for a in range(2):
+        t = vector3(tangents[a], j)
+        drags[i, a * count + j] = sign * law.scale * _seen(side, j, law.fields[0], t)
+        drags[j, a * count + i] = sign * law.scale * _seen(side, j, law.fields[a + 1], vector3(side.normal, j))
+        for b in range(2):
+            e = vector3(tangents[b], i)
+            value = law.scale * _seen(side, j, law.fields[b + 1], t)
+            value += law.aside * (e[0] * t[0] + e[1] * t[1] + e[2] * t[2]) * more
+            drags[(b + 1) * count + i, a * count + j] = drags[(a + 1) * count + j, b * count + i] = value
+
+
+@kernel
+def vector3(rows: Matrix, i: int):
+    """Row i of an array (n,3)."""
+    return rows[i, 0], rows[i, 1], rows[i, 2]
