@@ -17,6 +17,7 @@ from palpate.physics.contact.organs.following import (
     MOVED,
     NEAR,
     STEEP,
+    TILTED,
     TURNED,
     VERTICES,
     Track,
@@ -111,6 +112,8 @@ def _apart(own, first, second, i):
 def _slides(own, track, first, second, i, opening):
     """Whether candidate i slid too far since it was computed; opening [m] >= 0."""
     d, n, base = _apart(own, first, second, i), vector3(floats(own.opposite), i), track.base[i]
+    if own.rides and _tilted(own, i):
+        return True
     along, slid = _parts(d, n, base)
     most, closed = FINEST + COARSER * opening, STEEP * abs(along) if opening < NEAR else 0.0
     if slid > most + closed or _parts(d, n, track.origin[i])[1] > most + track.approached[i] + closed:
@@ -119,6 +122,14 @@ def _slides(own, track, first, second, i, opening):
         put(base, d)
         track.approached[i] += slid
     return False
+
+
+@kernel
+def _tilted(own, i):
+    """Whether the directions of candidate i on both organs differ by more than `TILTED`, after a rotation."""
+    n, m = rigid.rotated(own.ride[0], vector3(floats(own.normals), i)), vector3(floats(own.opposite), i)
+    m = rigid.rotated(own.ride[1], m)
+    return (n[0] - m[0]) ** 2 + (n[1] - m[1]) ** 2 + (n[2] - m[2]) ** 2 > TILTED * TILTED
 
 
 @kernel

@@ -4,7 +4,8 @@ As at the start (`candidates`), gap, normal and place on the other surface are m
 their nearest points, where both organs are. Between two such computations the gap is linear in the motion, with an
 error of s²/2 times the relative curvature for a slide s. So a cell is due when it has slid by more than `FINEST`,
 `COARSER` of its opening, and, nearer than `NEAR`, `STEEP` of its approach meanwhile: in each step the next ones of all
-that are due, of together `VERTICES` vertices. So organs that approach each other from there on keep their cells.
+that are due, of together `VERTICES` vertices. So organs that approach each other from there on keep their cells. A cell
+is also due when one organ has turned against the other by `TILTED`.
 
 The compliances of a cell are due when its centre has moved by `MOVED` on the other surface, or its normal turned by
 `TURNED` on one of them, of a cell that is open by more than `CLOSE` by `FAR` times that: in each step those of the
@@ -29,6 +30,7 @@ NEAR, STEEP = (
     2e-3,
     0.5,
 )  # [m], [1] slide over approach of the cells of a patch that closes without a slide: less than 27 degrees
+TILTED = 0.05  # [rad]
 VERTICES = 48  # of the cells that are computed again in a step
 MOVED, TURNED = 1e-4, 0.005  # [m], [rad] after which the compliances of a cell are computed again
 CLOSE, FAR = 1e-3, 5.0  # [m], [1] by how much later those of cells are that are farther apart

@@ -1,0 +1,119 @@
+"""A ball that slides over a kidney, or rolls on another ball, without a finger: python benchmarks/sliding_organs.py
+
+The balls of 42 mm are pressed by 2.5 mm at 1 kHz, slide or roll at 30 mm/s, and rest. Force and area over those of the
+same organs set up at the end; the largest change of the force in a tick of the slide over that of the press at 8 mm/s;
+medians and 99th percentiles of the processor time of a tick of contact.Between in the slide, and at rest. On a roll by
+more than 5 mm the contact leaves the candidates of the default `reach`; the last rolls have a `reach` of 15 mm.
+"""
+
+import json
+import time
+
+import numpy as np
+
+from palpate.messages.tissue import Support
+from palpate.nodes.base.surface import surface_mesh
+from palpate.nodes.contact.between import Between
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+
+GAP, CLOSING, SPEED, RADIUS, BEGIN, VERTICES = 1e-3, 2.5e-3, 30e-3, 21e-3, -15e-3, 2000
+WIDE = {"reach": 15e-3, "cells": 400}
+SLIDES, ROLLS = (1e-3, 5e-3, 15e-3, 30e-3), ((1e-3, {}), (3e-3, {}), (5e-3, {}), (8e-3, WIDE), (15e-3, WIDE))  # [m]
+SETTINGS = {
+    "MassSpring": {"stiffness": 257.0, "exponent": 1.0, "damping": 0.0, "retardation": 10e-3},
+    "ReducedFE": {"young": 19e3, "model": "linear", "retardation": 10e-3, "organ_loads": 1},
+}
+Way = list[tuple[np.ndarray, np.ndarray]]  # displacement [m] (3), rotation [rad] (3)
+
+
+def body(kind: str, shape: str, place: np.ndarray, turn: np.ndarray | None = None) -> dict:
+    surface = {"surface": shape, "vertices": VERTICES, "position": tuple(map(float, place))}
+    if turn is not None:
+        surface["rotation"] = tuple(map(float, turn))
+    return {"use": kind, "settings": SETTINGS[kind] | surface, "surface": surface}
+
+
+def run(bodies: list[dict], way: Way, turns: bool = False, **more_of: float) -> tuple[np.ndarray, np.ndarray]:
+    """Force [N] and area [m²] (T,2), and processor time [s] (T) of each tick."""
+    contact, found, spent = Between(bodies=json.dumps(bodies), **more_of), [], []
+    contact.start()
+    centre = np.array(bodies[0]["surface"]["position"])
+    for at, turn in way:
+        more = {"rotation": turn, "spin": np.zeros(3), "centre": centre} if turns else {}
+        moved = Support(displacement=tuple(map(float, at)), velocity=(0.0, 0.0, 0.0), **more)
+        given = contact._inputs(([], []), {"first_support": [moved]})
+        records = contact.records(given)
+        begun = time.thread_time()
+        records.compute(given, 1e-3)
+        spent.append(time.thread_time() - begun)
+        (answer,) = records.read()
+        found.append((answer.force, answer.area))
+    return np.array(found), np.array(spent)
+
+
+def pressing(normal: np.ndarray) -> Way:
+    """The way into the other organ, and a rest."""
+    return [(-CLOSING * share * normal, np.zeros(3)) for share in [*np.linspace(0.0, 1.0, 300), *[1.0] * 100]]
+
+
+def height(x: float) -> float:
+    """Of the ball above the kidney at x [m]."""
+    ball, kidney = (surface_mesh(shape, VERTICES, (0.0, 0.0, 0.0)) for shape in ("sphere", "kidney"))
+    z, search = 0.1, MeshClosestPoint(kidney)
+    while abs(away := float(search.find(ball.vertices + (x, 0.0, z))[3].min()) - GAP) > 1e-7:
+        z -= 0.8 * away
+    return z
+
+
+def report(name: str, kind: str, way: float, found: np.ndarray, right: np.ndarray, spent: np.ndarray) -> None:
+    force, change = found[:, 0], np.abs(np.diff(found[:, 0]))
+    slide, rest = 1e6 * spent[400:-400], 1e6 * spent[-300:]
+    print(
+        f"{kind} {name} {1e3 * way:g} mm: {force[-1]:.4f} N, {force[-1] / right[-1, 0]:.3f} of the right force, "
+        f"{found[-1, 1] / right[-1, 1]:.3f} of the area; change {change[400:].max() / change[:299].max():.2f} of the "
+        f"press; {np.median(slide):.0f}, 99 %: {np.percentile(slide, 99):.0f} us, at rest {np.median(rest):.0f} us",
+        flush=True,
+    )
+
+
+def slide(kind: str, way: float) -> None:
+    """A ball that slides along a kidney, always with the same gap without load."""
+    up, z = np.array([0.0, 0.0, 1.0]), height(BEGIN)
+    knots = np.linspace(0.0, way, 16)
+    heights = [height(BEGIN + each) - z for each in knots]
+    path = pressing(up)
+    for along in np.linspace(0.0, way, max(round(way / SPEED * 1e3), 2)):
+        path.append((np.array([along, 0.0, np.interp(along, knots, heights) - CLOSING]), np.zeros(3)))
+    path += [path[-1]] * 400
+    kidney = body(kind, "kidney", np.zeros(3))
+    found, spent = run([body(kind, "sphere", np.array([BEGIN, 0.0, z])), kidney], path)
+    right, _ = run([body(kind, "sphere", np.array([BEGIN + way, 0.0, height(BEGIN + way)])), kidney], pressing(up))
+    report("slide", kind, way, found, right, spent)
+
+
+def roll(kind: str, way: float, settings: dict) -> None:
+    """A ball that rolls on a ball: the contact moves by the way on both."""
+    far, up = 2.0 * RADIUS + GAP, np.array([0.0, 0.0, 1.0])
+    path = pressing(up)
+    for angle in np.linspace(0.0, way / RADIUS, max(round(way / SPEED * 1e3), 2)):
+        out = np.array([np.sin(angle), 0.0, np.cos(angle)])
+        path.append(((far - CLOSING) * out - far * up, np.array([0.0, 2.0 * angle, 0.0])))
+    path += [path[-1]] * 400
+    lower = body(kind, "sphere", np.zeros(3))
+    found, spent = run([body(kind, "sphere", far * up, np.zeros(3)), lower], path, True, **settings)
+    right, _ = run(
+        [body(kind, "sphere", far * out, np.array([0.0, 2.0 * angle, 0.0])), lower], pressing(out), **settings
+    )
+    report("roll", kind, way, found, right, spent)
+
+
+def main() -> None:
+    for kind in SETTINGS:
+        for way in SLIDES:
+            slide(kind, way)
+        for way, settings in ROLLS:
+            roll(kind, way, settings)
+
+
+if __name__ == "__main__":
+    main()
