@@ -12,8 +12,10 @@ from palpate.physics.contact.organs.candidates import FACING
 from palpate.physics.contact.organs.following import (
     CLOSE,
     COARSER,
+    EASE,
     FAR,
     FINEST,
+    LEAST,
     MOVED,
     NEAR,
     STEEP,
@@ -37,7 +39,7 @@ def follow(own, pair, rub, one, two):
     track = track_of(own.track)
     if len(track.last) == 0 or _rests(own):
         return -1
-    count, left, behind = len(track.jumps), VERTICES, False
+    count, left, behind = len(track.jumps), VERTICES, _ease(own, track, pair)
     for k in range(count):
         i = (own.turn + k) % count
         if not _slides(own, track, one.place, two.place, i, max(pair.opening[i], 0.0)):
@@ -58,6 +60,24 @@ def follow(own, pair, rub, one, two):
     if due < 0 and not behind:
         _keep_pose(own)
     return due
+
+
+@kernel
+def _ease(own, track, pair):
+    """Take the next part of the changes of the gaps. Returns whether more are left."""
+    more, rest, seen = False, floats(own.rest), floats(own.seen)
+    for i in range(len(track.pending)):
+        if track.pending[i] == 0.0:
+            continue
+        part = EASE * track.pending[i] if abs(track.pending[i]) > LEAST else track.pending[i]
+        track.pending[i] -= part
+        track.jumps[i] += part
+        rest[i] += part
+        pair.gap[i] += part
+        if own.rides:
+            seen[i] += part
+        more = more or track.pending[i] != 0.0
+    return more
 
 
 @kernel
@@ -192,21 +212,25 @@ def _turn(own, other, n, i):
 
 @kernel
 def _set_gap(own, track, pair, one, two, i, away):
-    """Set the gap [m] of candidate i for its new place and direction."""
+    """Set the gap [m] of candidate i for its new place and direction; of one that touches the change is taken in parts
+    (`_ease`)."""
     rest, before, n, jump = floats(own.rest), floats(own.before), vector3(floats(own.normals), i), away - pair.gap[i]
+    track.pending[i] = jump if pair.active.place[i] >= 0 or pair.opening[i] + jump < 0.0 else 0.0
+    jump -= track.pending[i]
+    now = pair.gap[i] + jump
     if own.rides:
         rest[i] = before[i] = 0.0
         rigid.place_cell(
             own.ride[0], own.ride[1], floats(own.normals), floats(own.opposite), one.place, two.place,
             floats(own.turns), floats(own.levers), rest, before, pair.gap, i,
         )  # fmt: skip
-        rest[i], before[i] = away, pair.gap[i]
+        rest[i], before[i] = now, pair.gap[i]
         floats(own.seen)[i] += jump
     else:
         x, y, a = vector3(one.place, i), vector3(two.place, i), own.apart
-        rest[i] = away - (n[0] * a[0] + n[1] * a[1] + n[2] * a[2])
+        rest[i] = now - (n[0] * a[0] + n[1] * a[1] + n[2] * a[2])
         before[i] = n[0] * (x[0] - y[0]) + n[1] * (x[1] - y[1]) + n[2] * (x[2] - y[2])
-    pair.gap[i] = away
+    pair.gap[i] = now
     track.jumps[i] += jump
     d = _apart(own, one.place, two.place, i)
     put(track.base[i], d)

@@ -11,7 +11,9 @@ The compliances of a cell are due when its centre has moved by `MOVED` on the ot
 `TURNED` on one of them, of a cell that is open by more than `CLOSE` by `FAR` times that: in each step those of the
 one that is due most (`between_rows`), so that cells next to each other are behind by about the same.
 
-A change of the gap without a motion is energy that the contact gives or takes, and is counted (`jumps`).
+A viscous body answers to a sudden change of a gap by a spike of the force. So a cell that touches takes `EASE` of what
+is left of it in each step. A change of a gap without a motion is energy that the contact gives or takes: it is counted
+(`jumps`).
 """
 
 from typing import Annotated, NamedTuple
@@ -26,11 +28,9 @@ from palpate.physics.geometry.mesh_closest import TRACKED, MeshClosestPoint
 from palpate.physics.geometry.search.foot import FEET
 
 FINEST, COARSER = 5e-5, 0.2  # [m], [1] slide after which gap and normal of a cell are computed again
-NEAR, STEEP = (
-    2e-3,
-    0.5,
-)  # [m], [1] slide over approach of the cells of a patch that closes without a slide: less than 27 degrees
-TILTED = 0.05  # [rad]
+NEAR, STEEP = 2e-3, 0.5  # [m]; [1] slide over approach of cells that close: less than 27 degrees
+TILTED = 0.02  # [rad]
+EASE, LEAST = 0.1, 1e-8  # [1]; [m] below which a change is taken at once
 VERTICES = 48  # of the cells that are computed again in a step
 MOVED, TURNED = 1e-4, 0.005  # [m], [rad] after which the compliances of a cell are computed again
 CLOSE, FAR = 1e-3, 5.0  # [m], [1] by how much later those of cells are that are farther apart
@@ -48,6 +48,7 @@ class Track(NamedTuple):
     base, origin [m] (m,3)  from the cell's centre on the second surface to that on the first: at the last approach, and
                        when it was computed;  approached [m] (m)  slide in approaches since then
     jumps [m] (m)      change of the gaps without a motion in this step
+    pending [m] (m)    changes that are left
     late [1] (m)       by how much the compliances of a cell are due; 1: they are
     rim (m)            whether a cell is at the end of the region that has cells
     points ... star    the other surface, see `bvh.MeshTables`
@@ -65,6 +66,7 @@ class Track(NamedTuple):
     origin: Annotated[np.ndarray, "<f8", 2]
     approached: Annotated[np.ndarray, "<f8", 1]
     jumps: Annotated[np.ndarray, "<f8", 1]
+    pending: Annotated[np.ndarray, "<f8", 1]
     late: Annotated[np.ndarray, "<f8", 1]
     rim: Annotated[np.ndarray, "|u1", 1]
     points: Annotated[np.ndarray, POINTS, 1]
@@ -93,7 +95,7 @@ def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
     return Track(
         int(found.swapped), np.searchsorted(own.cells, np.arange(count + 1)).astype(np.int64), own.vertices,
         own.weights, np.ascontiguousarray(mesh.normals[own.vertices]), at[triangles], np.zeros((size, 2)),
-        base, base.copy(), np.zeros(count), np.zeros(count), np.zeros(count),
+        base, base.copy(), np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count),
         _rim(mesh, own.vertices, own.cells, count), *tables.arrays,
         np.zeros(1, TRACKED_TYPE), work, np.zeros(1, FEET),
     )  # fmt: skip
