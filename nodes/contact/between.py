@@ -274,6 +274,7 @@ class Between(CompiledNode):
         # force [N] at the end of the region with candidates.
         "track": form(following.Track), "first_law": form(Law), "second_law": form(Law), "opposite": TABLE,
         "before": ARRAY, "turn": int, "pose": (2, 6), "tangents": TABLE, "ended": (),
+        "floats": bool, "room": (), "losses": (),  # whether forces move an organ; [J] lost in the last step, and in all
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
         # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;
         # gaps [m] that the last step expected; vertices [m]; forces of the candidates [N, N m]; friction [N] of the

@@ -77,6 +77,7 @@ class Coupled(Between):
             member.start()
             member.resize([member.first_organs, member.second_organs])
             member.make_follow()
+            member.own["rides"] = member.own["floats"] = True
             sizes.append(len(member._held["rest"]))
             self.own["members"][k] = member.own
             for path, array in member._held.items():

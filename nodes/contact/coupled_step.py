@@ -7,7 +7,7 @@ from palpate.compiler.records import floats, integers, longs, nth, put, unpackin
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.contact.between import pair_of, rub_of, side_of, spread_forces, summed
 from palpate.nodes.contact.carried import against, end_ride, press_on, ride_on
-from palpate.nodes.contact.followed import follow, jumped, renew_matrix
+from palpate.nodes.contact.followed import follow, jumped, keep_room, renew_matrix
 from palpate.physics.bodies.floating.turning import cross
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
@@ -338,6 +338,7 @@ def finish(own, k, dt):
         end_rubbing(pair, rubs, own.bears[k], dt)
     pull = summed(rubs)
     m.late -= jumped(m, pair)
+    keep_room(m, pair)
     whole = end_ride(m, pair, rubs, pull)
     first = spread_forces(pair, side_of(m.one), rubs.force, 1.0)
     second = spread_forces(pair, side_of(m.two), rubs.force, -1.0)

@@ -65,11 +65,15 @@ def follow(own, pair, rub, one, two):
 @kernel
 def _ease(own, track, pair):
     """Take the next part of the changes of the gaps. Returns whether more are left."""
-    more, rest, seen = False, floats(own.rest), floats(own.seen)
+    more, rest, seen, share = False, floats(own.rest), floats(own.seen), _affordable(own, track, pair)
     for i in range(len(track.pending)):
         if track.pending[i] == 0.0:
             continue
-        part = EASE * track.pending[i] if abs(track.pending[i]) > LEAST else track.pending[i]
+        part = _part(track.pending[i])
+        if part < 0.0 and pair.active.force[i] > 0.0:
+            part *= share
+        elif own.floats:  # without load, what its opening allows
+            part = max(part, -max(pair.opening[i], 0.0))
         track.pending[i] -= part
         track.jumps[i] += part
         rest[i] += part
@@ -78,6 +82,32 @@ def _ease(own, track, pair):
             seen[i] += part
         more = more or track.pending[i] != 0.0
     return more
+
+
+@kernel
+def _part(pending):
+    """Part of a change of a gap [m] that is taken in a step."""
+    return EASE * pending if abs(pending) > LEAST else pending
+
+
+@kernel
+def _affordable(own, track, pair):
+    """Share [1] of the changes that close gaps under load. Between organs that forces move they cost at most what the
+    contact lost in the last step, so that it generates no energy; a prescribed motion bears all."""
+    if not own.floats:
+        return 1.0
+    cost = 0.0
+    for k in range(pair.active.tally[0].active):
+        i = pair.active.order[k]
+        cost -= pair.active.force[i] * min(_part(track.pending[i]), 0.0)
+    return min(1.0, own.room / cost) if cost > 0.0 else 1.0
+
+
+@kernel
+def keep_room(own, pair):
+    """After a step between organs that forces move: the energy [J] that the contact lost in it."""
+    lost = pair.past[0].dissipated - pair.past[0].generated - own.late
+    own.room, own.losses = max(lost - own.losses, 0.0), lost
 
 
 @kernel
@@ -118,20 +148,24 @@ def _on_organ(ride, x):
 
 
 @kernel
-def _apart(own, first, second, i):
-    """Distance [m] (3) from the centre of candidate i on the second organ to that on the first, in the axes of the
-    second; first, second [m] (m,3)  the centres on the organs."""
-    x, y = vector3(first, i), vector3(second, i)
+def _apart(own, track, first, second, i):
+    """Distance [m] (3) of the centre of candidate i on the organ on which it stays from that on the other organ, in the
+    axes of the other one, so that exchanged organs have the same bits; first, second [m] (m,3)  the centres."""
+    fine = track.fine == 0
+    x, y = vector3(first, i) if fine else vector3(second, i), vector3(second, i) if fine else vector3(first, i)
     if not own.rides:
-        return x[0] - y[0] + own.apart[0], x[1] - y[1] + own.apart[1], x[2] - y[2] + own.apart[2]
-    a, b = _in_world(own.ride[0], x), _in_world(own.ride[1], y)
-    return rigid.rotated_back(own.ride[1], (a[0] - b[0], a[1] - b[1], a[2] - b[2]))
+        sign, a = 1.0 if fine else -1.0, own.apart
+        return x[0] - y[0] + sign * a[0], x[1] - y[1] + sign * a[1], x[2] - y[2] + sign * a[2]
+    other = own.ride[1 if fine else 0]
+    a, b = _in_world(own.ride[0 if fine else 1], x), _in_world(other, y)
+    return rigid.rotated_back(other, (a[0] - b[0], a[1] - b[1], a[2] - b[2]))
 
 
 @kernel
 def _slides(own, track, first, second, i, opening):
     """Whether candidate i slid too far since it was computed; opening [m] >= 0."""
-    d, n, base = _apart(own, first, second, i), vector3(floats(own.opposite), i), track.base[i]
+    d, base = _apart(own, track, first, second, i), track.base[i]
+    n = vector3(floats(own.opposite) if track.fine == 0 else floats(own.normals), i)
     if own.rides and _tilted(own, i):
         return True
     along, slid = _parts(d, n, base)
@@ -232,7 +266,7 @@ def _set_gap(own, track, pair, one, two, i, away):
         before[i] = n[0] * (x[0] - y[0]) + n[1] * (x[1] - y[1]) + n[2] * (x[2] - y[2])
     pair.gap[i] = now
     track.jumps[i] += jump
-    d = _apart(own, one.place, two.place, i)
+    d = _apart(own, track, one.place, two.place, i)
     put(track.base[i], d)
     put(track.origin[i], d)
     track.approached[i] = 0.0

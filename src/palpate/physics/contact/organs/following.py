@@ -31,7 +31,7 @@ FINEST, COARSER = 5e-5, 0.2  # [m], [1] slide after which gap and normal of a ce
 NEAR, STEEP = 2e-3, 0.5  # [m]; [1] slide over approach of cells that close: less than 27 degrees
 TILTED = 0.02  # [rad]
 EASE, LEAST = 0.1, 1e-8  # [1]; [m] below which a change is taken at once
-VERTICES = 48  # of the cells that are computed again in a step
+VERTICES = 16  # of the cells that are computed again in a step
 MOVED, TURNED = 1e-4, 0.005  # [m], [rad] after which the compliances of a cell are computed again
 CLOSE, FAR = 1e-3, 5.0  # [m], [1] by how much later those of cells are that are farther apart
 TRACKED_TYPE = element_type(TRACKED)
@@ -45,7 +45,7 @@ class Track(NamedTuple):
     facing [1] (k,3)   normals of the vertices
     last (k)           triangle of the other surface with the foot of each vertex, in the order of its tables
     places [1] (k,2)   weights of its second and third corner
-    base, origin [m] (m,3)  from the cell's centre on the second surface to that on the first: at the last approach, and
+    base, origin [m] (m,3)  from the centre on the other surface to that on the cell's: at the last approach, and
                        when it was computed;  approached [m] (m)  slide in approaches since then
     jumps [m] (m)      change of the gaps without a motion in this step
     pending [m] (m)    changes that are left
@@ -89,7 +89,7 @@ def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
     triangles = search.find(mesh.vertices[own.vertices])[2]
     at = np.zeros(len(other.triangles), np.int64)
     at[tables.cells["origin"]] = np.arange(len(tables.cells))
-    base = found.first.place - found.second.place
+    base = (-1.0 if found.swapped else 1.0) * (found.first.place - found.second.place)
     work = search.scratch()[1]
     size = len(own.vertices)
     return Track(
