@@ -8,45 +8,50 @@ more than 5 mm the contact leaves the candidates of the default `reach`; the las
 
 import json
 import time
+from typing import Any
 
 import numpy as np
 
+from palpate.messages.contact import OrganContact
 from palpate.messages.tissue import Support
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.contact.between import Between
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
 GAP, CLOSING, SPEED, RADIUS, BEGIN, VERTICES = 1e-3, 2.5e-3, 30e-3, 21e-3, -15e-3, 2000
-WIDE = {"reach": 15e-3, "cells": 400}
-SLIDES, ROLLS = (1e-3, 5e-3, 15e-3, 30e-3), ((1e-3, {}), (3e-3, {}), (5e-3, {}), (8e-3, WIDE), (15e-3, WIDE))  # [m]
-SETTINGS = {
+WIDE: dict[str, Any] = {"reach": 15e-3, "cells": 400}
+SLIDES = (1e-3, 5e-3, 15e-3, 30e-3)  # [m]
+ROLLS: list[tuple[float, dict[str, Any]]] = [(1e-3, {}), (3e-3, {}), (5e-3, {}), (8e-3, WIDE), (15e-3, WIDE)]  # [m]
+SETTINGS: dict[str, dict[str, Any]] = {
     "MassSpring": {"stiffness": 257.0, "exponent": 1.0, "damping": 0.0, "retardation": 10e-3},
     "ReducedFE": {"young": 19e3, "model": "linear", "retardation": 10e-3, "organ_loads": 1},
 }
 Way = list[tuple[np.ndarray, np.ndarray]]  # displacement [m] (3), rotation [rad] (3)
 
 
-def body(kind: str, shape: str, place: np.ndarray, turn: np.ndarray | None = None) -> dict:
-    surface = {"surface": shape, "vertices": VERTICES, "position": tuple(map(float, place))}
+def body(kind: str, shape: str, place: np.ndarray, turn: np.ndarray | None = None) -> dict[str, Any]:
+    surface: dict[str, Any] = {"surface": shape, "vertices": VERTICES, "position": tuple(map(float, place))}
     if turn is not None:
         surface["rotation"] = tuple(map(float, turn))
     return {"use": kind, "settings": SETTINGS[kind] | surface, "surface": surface}
 
 
-def run(bodies: list[dict], way: Way, turns: bool = False, **more_of: float) -> tuple[np.ndarray, np.ndarray]:
+def run(bodies: list[dict[str, Any]], way: Way, turns: bool = False, **given: Any) -> tuple[np.ndarray, np.ndarray]:
     """Force [N] and area [m²] (T,2), and processor time [s] (T) of each tick."""
-    contact, found, spent = Between(bodies=json.dumps(bodies), **more_of), [], []
+    contact, found, spent = Between(bodies=json.dumps(bodies), **given), [], []
     contact.start()
     centre = np.array(bodies[0]["surface"]["position"])
     for at, turn in way:
-        more = {"rotation": turn, "spin": np.zeros(3), "centre": centre} if turns else {}
-        moved = Support(displacement=tuple(map(float, at)), velocity=(0.0, 0.0, 0.0), **more)
-        given = contact._inputs(([], []), {"first_support": [moved]})
-        records = contact.records(given)
+        more: dict[str, Any] = {"rotation": turn, "spin": np.zeros(3), "centre": centre} if turns else {}
+        x, y, z = map(float, at)
+        moved = Support(displacement=(x, y, z), velocity=(0.0, 0.0, 0.0), **more)
+        messages = contact._inputs(([], []), {"first_support": [moved]})
+        records = contact.records(messages)
         begun = time.thread_time()
-        records.compute(given, 1e-3)
+        records.compute(messages, 1e-3)
         spent.append(time.thread_time() - begun)
         (answer,) = records.read()
+        assert isinstance(answer, OrganContact)
         found.append((answer.force, answer.area))
     return np.array(found), np.array(spent)
 
@@ -91,7 +96,7 @@ def slide(kind: str, way: float) -> None:
     report("slide", kind, way, found, right, spent)
 
 
-def roll(kind: str, way: float, settings: dict) -> None:
+def roll(kind: str, way: float, settings: dict[str, Any]) -> None:
     """A ball that rolls on a ball: the contact moves by the way on both."""
     far, up = 2.0 * RADIUS + GAP, np.array([0.0, 0.0, 1.0])
     path = pressing(up)

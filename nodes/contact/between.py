@@ -18,10 +18,10 @@ from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, press_on, ride_on
 from palpate.nodes.contact.followed import follow, jumped, renew_factor
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, measure_along, tangents_of
-from palpate.physics.bodies.between_rows import SPRINGS, Law
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import following
+from palpate.physics.contact.organs.between_rows import SPRINGS, Law
 from palpate.physics.contact.organs.borders import contact_area
 from palpate.physics.contact.organs.candidates import Candidates, Shares, candidates
 from palpate.physics.contact.organs.rigid_motion import RIDE
@@ -273,7 +273,7 @@ class Between(CompiledNode):
         # Candidates that follow (`followed`): normals on the second organ, n.(x_1 - x_2) [m]; the next one; the largest
         # force [N] at the end of the region with candidates.
         "track": form(following.Track), "first_law": form(Law), "second_law": form(Law), "opposite": TABLE,
-        "before": ARRAY, "turn": int, "pose": (2, 6), "tangents": TABLE, "ended": (),
+        "before": ARRAY, "turn": int, "still": (2, 3), "still_turn": (2, 3), "tangents": TABLE, "ended": (),
         "floats": bool, "room": (), "losses": (),  # whether forces move an organ; [J] lost in the last step, and in all
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
         # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;
@@ -423,9 +423,10 @@ class Between(CompiledNode):
                 self._free_springs(side)
             if slides:
                 self._free_shares(side, track)
-                places = (found.first.place, found.second.place)[:: -1 if found.swapped else 1]
-                fields = self._held[f"pair.{name}"], self._held[f"rub.{name}"]
-                measure_along(law, *fields, *places, found.normal, self._held["rub.tangents"], found.area)
+                one, two = found.first.place, found.second.place
+                places = (two, one) if found.swapped else (one, two)
+                matrix, drags, tangents = (self._held[key] for key in (f"pair.{name}", f"rub.{name}", "rub.tangents"))
+                measure_along(law, matrix, drags, places, found.normal, tangents, found.area)
 
     def _free_springs(self, side: str) -> None:
         """Terminals at all vertices of a body of springs."""

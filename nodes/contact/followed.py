@@ -4,10 +4,10 @@ import numpy as np
 
 from palpate.compiler.records import floats, put, unpacking, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.physics.bodies.between_rows import Law, clear_row, renew_row, vector3
 from palpate.physics.bodies.true_patch import sideways
 from palpate.physics.contact.organs import rigid_motion as rigid
 from palpate.physics.contact.organs.between import take
+from palpate.physics.contact.organs.between_rows import Law, clear_row, renew_row, vector3
 from palpate.physics.contact.organs.candidates import FACING
 from palpate.physics.contact.organs.following import (
     CLOSE,
@@ -58,7 +58,7 @@ def follow(own, pair, rub, one, two):
         _renew(own, track, pair, rub, one, two, due)
         track.late[due] = 0.0
     if due < 0 and not behind:
-        _keep_pose(own)
+        _keep_still(own)
     return due
 
 
@@ -115,20 +115,20 @@ def _rests(own):
     """Whether both organs are where they were when nothing was due."""
     far = 0.0
     for side in range(2):
-        turn, pose, way, about = own.ride[side].turn, own.pose[side], 0.0, 0.0
+        turn, kept, before, way, about = own.ride[side].turn, own.still[side], own.still_turn[side], 0.0, 0.0
         for x in range(3):
-            way += (pose[x] - (own.ride[side].at[x] if own.rides else own.supports[side, x])) ** 2
-            about += (pose[3 + x] - turn[x]) ** 2
+            way += (kept[x] - (own.ride[side].at[x] if own.rides else own.supports[side, x])) ** 2
+            about += (before[x] - turn[x]) ** 2
         far = max(far, np.sqrt(way), REACHES * np.sqrt(about))
     return far < STILL
 
 
 @kernel
-def _keep_pose(own):
+def _keep_still(own):
     for side in range(2):
         for x in range(3):
-            own.pose[side, x] = own.ride[side].at[x] if own.rides else own.supports[side, x]
-            own.pose[side, 3 + x] = own.ride[side].turn[x]
+            own.still[side, x] = own.ride[side].at[x] if own.rides else own.supports[side, x]
+            own.still_turn[side, x] = own.ride[side].turn[x]
 
 
 @kernel

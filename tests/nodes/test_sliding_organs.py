@@ -165,10 +165,10 @@ def test_compliances_that_are_computed_again_at_the_same_place_are_those_of_the_
     kept = {name: held[name].copy() for name in [*names, "normals", "pair.gap"]}
     held["track.base"][:] += 1e-2  # as if they had slid
     for _ in range(40):
-        made.own["pose"][:] = 1.0
+        made.own["still"][:] = 1.0
         course(made, still, exchanged)
     for cell in range(len(held["pair.gap"])):
-        made.own["pose"][:], held["track.late"][:], held["track.late"][cell] = 1.0, 0.0, 1e3
+        made.own["still"][:], held["track.late"][:], held["track.late"][cell] = 1.0, 0.0, 1e3
         for name in ("pair.first", "pair.second"):
             held[name][cell, cell] = 1.0
             if kind == "ReducedFE":

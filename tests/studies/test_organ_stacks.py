@@ -16,6 +16,12 @@ def test_a_random_stack_breaks_no_invariant_and_is_the_same_for_its_number(numbe
     assert draw_stack(number, seed=3) == verdict.stack != draw_stack(number, seed=4)
 
 
+def test_a_free_ball_that_others_turn_by_a_radian_gains_no_energy():
+    """With candidates that stayed on both balls it gained 16 times the energy, and they overlapped by 9 mm."""
+    verdict = judge_stack(draw_stack(33, seed=5))
+    assert verdict.faults == () and verdict.energy <= 1.0 + organ_stacks.GAINED
+
+
 def test_a_fault_is_reported_with_its_stack(monkeypatch):
     """A wrong start of the momentum: that of a stack whose first organ is slower."""
     stack = next(each for each in map(draw_stack, range(50)) if each.free)

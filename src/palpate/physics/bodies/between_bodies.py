@@ -43,9 +43,9 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.compiler.exact import product
-from palpate.physics.bodies.between_rows import Law, condensed_law, plate_law, springs_law
 from palpate.physics.bodies.condensed_step import CondensedModel
 from palpate.physics.bodies.true_patch import sideways
+from palpate.physics.contact.organs.between_rows import Law, condensed_law, plate_law, springs_law
 from palpate.physics.contact.organs.candidates import Shares
 
 NO_TANGENTS, NO_FIELD = np.zeros((2, 0, 3)), np.zeros((0, 0))
@@ -179,12 +179,12 @@ def mean_inverse(place: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def measure_along(
-    law: Law, matrix: np.ndarray, drags: np.ndarray, fine: np.ndarray, other: np.ndarray, normal: np.ndarray,
+    law: Law, matrix: np.ndarray, drags: np.ndarray, places: tuple[np.ndarray, np.ndarray], normal: np.ndarray,
     tangents: np.ndarray, area: np.ndarray,
 ) -> None:  # fmt: skip
-    """Change the distances in X of `matrix` [m/N] (m,m) and `drags` (3m,2m) to those of the places [m] (m,3) on the
-    organ on which the candidates stay, `fine`, from those on the `other` one, over which they slide: as in
-    `between_rows`, from the start on."""
+    """Change the distances in X of `matrix` [m/N] (m,m) and `drags` (3m,2m) to those on the organ on which the
+    candidates stay, as in `between_rows`, from the start on. places [m] (m,3)  on that organ and on the other one"""
+    fine, other = places
     if not len(law.table):
         return
     facing, count = np.maximum(product(normal, normal.T), 0.0), len(area)

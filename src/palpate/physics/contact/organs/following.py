@@ -1,7 +1,7 @@
 """Candidates that follow: the cells of the finer surface keep their places on it, and slide over the other one.
 
 As at the start (`candidates`), gap, normal and place on the other surface are means over the vertices of the cell, of
-their nearest points, where both organs are. Between two such computations the gap is linear in the motion, with an
+their nearest points, where both organs are. Until the next computation the gap is linear in the motion, with an
 error of s²/2 times the relative curvature for a slide s. So a cell is due when it has slid by more than `FINEST`,
 `COARSER` of its opening, and, nearer than `NEAR`, `STEEP` of its approach meanwhile: in each step the next ones of all
 that are due, of together `VERTICES` vertices. So organs that approach each other from there on keep their cells. A cell
