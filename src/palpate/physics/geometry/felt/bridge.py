@@ -89,12 +89,12 @@ def close_surface(
         vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
         origin = origin[part]
     flat, rolling = _without_lift(vertices, normals, np.unique(triangles[origin < 0]), body, touched, centres, radius)
-    moved, turned = flat, normals
+    moves, turned = [flat], normals
     if rims is not None:
-        moved, turned = round_rims(flat, normals, rolling, rims, touched, radius)
-        moved = np.where(moved != flat, rounded(moved), flat)
-        triangles = flip_caps(moved, triangles, _still(vertices, moved, triangles))
-    vertices, normals = unfolded(vertices, normals, moved, turned, triangles)
+        *moves, turned = round_rims(flat, normals, rolling, rims, touched, radius)
+        moves = [np.where(moved != flat, rounded(moved), flat) for moved in moves]
+        triangles = flip_caps(moves[0], triangles, _still(vertices, moves[0], triangles))
+    vertices, normals = unfolded(vertices, normals, moves, turned, triangles)
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
     return _describe(felt, origin, body, touchable)
 

@@ -215,8 +215,9 @@ def divide_near(
 
 def round_rims(
     points: np.ndarray, normals: np.ndarray, rolling: np.ndarray, rims: Rims, touched: MeshClosestPoint, radius: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points [m] and normals [1] (V,3) of the surface with rounded rims.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points [m] (V,3) of the surface with rounded rims, on the ball of the rim and as far from it as they were, and
+    its normals [1] (V,3).
 
     rolling  [1] (V,3) directions from points of bridges to the centre of the ball
     touched  the part of the body that the ball touches, whose normals next to a rim are not those of walls
@@ -249,16 +250,18 @@ def round_rims(
     sink, slope = _sink(np.where(over, towards, across), over, _tilt(first, second), reach, far, radius)
     moved, facing = points.copy(), normals.copy()
     moved[near] -= (there * sink)[:, None] * rise
-    # of the ball of the rim, at which the direction to a centre is any between both normals
-    back = radius * second + part[:, None] * along - out
-    own = back / np.linalg.norm(back, axis=1)[:, None]
-    own = np.where(over[:, None], own, touched.find_along(points[near])[1])
+    # near a rim, where the nearest centre is any between both normals, the bridge is on the ball of the rim
+    flat = out - part[:, None] * along - radius * second
+    length = np.linalg.norm(flat, axis=1)
+    settled = moved.copy()
+    settled[near] += (close * np.where(over, radius / length - 1.0, 0.0))[:, None] * flat
+    own = np.where(over[:, None], -flat / length[:, None], touched.find_along(points[near])[1])
     steady = np.where(over, close, there * (1.0 - np.clip(across / far, 0.0, 1.0) ** 2))
     rest = np.where((over & (there > 0.0))[:, None], rolling[near], normals[near])
     own = rest + steady[:, None] * (own - rest)
     new = own + (there * slope * einsum("ij,ij->i", own, rise))[:, None] * chord
     facing[near] = new / np.maximum(np.linalg.norm(new, axis=1), 1e-12)[:, None]
-    return moved, facing
+    return settled, moved, facing
 
 
 def _sink(
@@ -287,20 +290,20 @@ def _supported(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unfolded(
-    points: np.ndarray, normals: np.ndarray, moved: np.ndarray, turned: np.ndarray, triangles: np.ndarray
+    points: np.ndarray, normals: np.ndarray, moves: list[np.ndarray], turned: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moved points [m] and turned normals (V,3). Where a triangle would face away from its normals, its vertices take
-    `LESS` of the motion, and at last stay as they were: a vertex that stayed at once would fold its neighbours, and
-    these theirs."""
-    stages = np.stack([moved, *(points + share * (moved - points) for share in LESS), points])
+    the next one of the moved points [m] (V,3), then `LESS` of the motion, and at last stay as they were: a vertex that
+    stayed at once would fold its neighbours, and these theirs."""
+    stages = np.stack([*moves, *(points + share * (moves[-1] - points) for share in LESS), points])
     last = len(stages) - 1
     changed = ((stages != points).any(axis=0) | (turned != normals)).any(axis=1)
     triangles = triangles[changed[triangles].any(axis=1)]  # no other one can fold
     stage, kept, each = np.zeros(len(points), np.int64), np.zeros(len(points), bool), np.arange(len(points))
     for both in (False, True):  # first the points alone, since the normals of what stays are those of its surroundings
         for _ in range(UNFOLDED):
-            now, facing = stages[stage, each], np.where(kept[:, None], normals, turned)
-            a, b, c = (now[triangles[:, k]] for k in range(3))
+            moved, facing = stages[stage, each], np.where(kept[:, None], normals, turned)
+            a, b, c = (moved[triangles[:, k]] for k in range(3))
             back = einsum("ij,ij->i", np.cross(b - a, c - a), facing[triangles].sum(axis=1)) < 0.0
             ends = np.unique(triangles[back])
             ends = ends[(stage[ends] < last) | (both & ~kept[ends])]
