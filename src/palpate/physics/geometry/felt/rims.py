@@ -24,7 +24,7 @@ and 8 mm (r = 8 mm) a rim sinks by 0.06, 0.22 and 0.65 mm and its normal tilts b
 elements of a pad (0.1 to 0.38 N) tilt by 0.13 to 0.16 there over 8 mm.
 
 The curvature κ matters below the surface: in the depth d the foot moves 1/(1 - κ d) times as far as the bone. Beyond a
-rim, it is at most 1/(222 mm), 1/(74 mm) and 1/(31 mm), and adds to that of the body. (With a parabola up to 1.5 mm over
+rim, it is at most 1/(222 mm), 1/(74 mm) and 1/(30 mm), and adds to that of the body. (With a parabola up to 1.5 mm over
 a gap of 3 mm it was 1/(16 mm) and began at once: 8 mm deep in an ellipsoid with a fissure the foot moved from one tick
 to the next twice as far as the bone, the limit of `geometry.proxy`, and viscous beams answered with 0.5 N.)
 """
