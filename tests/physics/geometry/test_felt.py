@@ -176,6 +176,16 @@ def test_no_point_of_a_rim_is_above_the_surface(name, offset):
     assert off.min() > -NEAR and off.max() < 25e-6
 
 
+@pytest.mark.parametrize("x", [-6e-3, 0.3e-3, 6e-3])
+def test_a_jagged_rim_has_no_spikes(x):
+    """Thin triangles of the boolean folded where their corners sank by different lengths, and stayed where they were,
+    80 um above the rim; the slope then changes by 0.5 within 0.05 mm."""
+    y = np.arange(-4e-3, 4e-3, 0.05e-3)
+    slope = np.diff(heights(felt_block("fissure").mesh, np.stack([np.full(len(y), x), y], axis=1))) / 0.05e-3
+    assert np.abs(np.diff(slope)).max() < 0.15
+    assert np.abs(slope - np.interp(y[1:], [-4e-3, 4e-3], [0.1, -0.1])).max() < 0.25  # that of the ellipsoid
+
+
 @pytest.mark.parametrize("high", [0.7e-3, -2.8e-3])
 def test_a_slide_over_a_wide_groove_turns_as_the_rounded_surface_does(high):
     """Bones 0.7 mm above the top and 2.8 mm below it; steps of 200 mm/s at 1 kHz."""

@@ -26,12 +26,14 @@ from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.geometry.refined.contracted import contract_edges
 from palpate.physics.geometry.refined.edge_list import edges_of
 from palpate.physics.geometry.refined.flipped import flip_caps
 from palpate.physics.geometry.search.corners import weld
 
 STEP = 0.125  # [1] of the radius: step of the grid
 FACET = 0.06  # [1] of the radius: longest edge of a bridge, so that a foot hops by little
+THINNEST = 5e-6  # [m] below which the short edges of thin triangles of the boolean are contracted
 RIM = 10e-6  # [m] by which the plug is raised at the rims, and lowered outside
 EDGE = 3.0  # [1] `apart` of `divide_creases`: convex parts whose radius is below r/2 are edges
 
@@ -93,7 +95,7 @@ def close_surface(
     if rims is not None:
         *moves, turned = round_rims(flat, normals, rolling, rims, touched, radius)
         moves = [np.where(moved != flat, rounded(moved), flat) for moved in moves]
-        triangles = flip_caps(moves[0], triangles, _still(vertices, moves[0], triangles))
+        triangles = flip_caps(moves[0], triangles, _still(flat, moves[0], triangles))
     vertices, normals = unfolded(vertices, normals, moves, turned, triangles)
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
     return _describe(felt, origin, body, touchable)
@@ -215,8 +217,15 @@ def _join(mesh: Mesh, plug: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     outer = (volume > 0.0)[label]
     used, corner = np.unique(triangles[outer], return_inverse=True)
     points = points[used]
-    points = np.where((_own(points, mesh) < 0)[:, None], rounded(points), points)
-    return points, np.ascontiguousarray(corner.reshape(-1, 3), np.int32), origin[outer]
+    own = _own(points, mesh) >= 0
+    points = np.where(own[:, None], points, rounded(points))
+    corner = corner.reshape(-1, 3)
+    # a thin triangle folds where its corners are moved by different lengths
+    thick, becomes = contract_edges(
+        Mesh(points, np.ascontiguousarray(corner, np.int32)), THINNEST, np.flatnonzero(own)
+    )  # fmt: skip
+    corner = becomes[corner]
+    return thick.vertices, thick.triangles, origin[outer][(corner != np.roll(corner, 1, axis=1)).all(axis=1)]
 
 
 def _still(points: np.ndarray, moved: np.ndarray, triangles: np.ndarray) -> np.ndarray:
