@@ -22,23 +22,27 @@ def ride_at(at, turn, centre):
     return made
 
 
-def cells(rng, count):
+def cells(rng, count, tilt=0.0):
+    """Normals on both organs, which differ after a slide, places, and gaps."""
     normal = rng.normal(size=(count, 3))
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    return normal, rng.normal(0.0, 0.03, (count, 3)), rng.normal(0.0, 0.03, (count, 3)), rng.uniform(0.0, 1e-3, count)
+    other = normal + tilt * rng.normal(size=(count, 3))
+    normal, other = (each / np.linalg.norm(each, axis=1)[:, None] for each in (normal, other))
+    return normal, other, *rng.normal(0.0, 0.03, (2, count, 3)), rng.uniform(0.0, 1e-3, count)
 
 
 def placed(one, two, given):
-    normal, first, second, rest = given
+    normal, opposite, first, second, rest = given
     turns, levers, gap = np.zeros((len(rest), 3)), np.zeros((len(rest), 6)), np.zeros(len(rest))
-    rigid.place_cells(one, two, normal, first, second, turns, levers, rest, gap)
+    before = np.einsum("ij,ij->i", normal, first - second)
+    rigid.place_cells(one, two, normal, opposite, first, second, turns, levers, rest, before, gap)
     return turns, levers, gap
 
 
-def test_forces_and_moments_are_the_derivatives_of_the_gaps_and_balance_each_other():
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_forces_and_moments_are_the_derivatives_of_the_gaps_and_balance_each_other(tilt):
     """Central differences; both organs turn by up to 1 rad and move by 20 mm."""
     rng = np.random.default_rng(3)
-    given, size = cells(rng, 20), 1e-6
+    given, size = cells(rng, 20, tilt), 1e-6
     places = [(rng.normal(0.0, 0.02, 3), rng.normal(0.0, 0.6, 3), rng.normal(0.0, 0.05, 3)) for _ in range(2)]
     turns, levers, _ = placed(*(ride_at(*place) for place in places), given)
     for body, sign in ((0, 1.0), (1, -1.0)):
