@@ -8,7 +8,8 @@ surface of the *plug*,
     c = r - (distance to the surface of centres) = 0,
 
 raised by `RIM` at untouchable triangles, so that it crosses the rims without a step, and lowered by `RIM` from `SHORE`
-beyond them, so that it is inside the body where nothing changes. An exact boolean (manifold3d) joins plug and body.
+beyond them, so that it is inside the body where nothing changes. An exact boolean (manifold3d) joins plug and body;
+then the points of the plug are moved to the closing.
 """
 
 from functools import partial
@@ -35,6 +36,7 @@ STEP = 0.125  # [1] of the radius: step of the grid
 FACET = 0.06  # [1] of the radius: longest edge of a bridge, so that a foot hops by little
 THINNEST = 5e-6  # [m] below which the short edges of thin triangles of the boolean are contracted
 RIM = 10e-6  # [m] by which the plug is raised at the rims, and lowered outside
+OVERLAP = 1e-8  # [m] of a ball with the rims on which it rests
 EDGE = 3.0  # [1] `apart` of `divide_creases`: convex parts whose radius is below r/2 are edges
 
 
@@ -172,7 +174,7 @@ def _without_lift(
     length = np.linalg.norm(up, axis=1)
     on_body = feet + (radius / np.maximum(length, 1e-300))[:, None] * up
     over = np.flatnonzero(np.linalg.norm(at - feet, axis=1) > 2.0 * RIM)
-    on_rims, _, free = resting(feet[over], normal[over], rolling[over], touched, radius, 1e-8)
+    on_rims, _, free = resting(feet[over], normal[over], rolling[over], touched, radius, OVERLAP)
     out = at - np.stack([rolling, on_body])
     away = np.where(np.stack([good, length > 0.0]), np.linalg.norm(out, axis=2), np.inf)
     out = out[away.argmin(axis=0), np.arange(len(at))]
