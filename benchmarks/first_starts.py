@@ -136,6 +136,9 @@ def main() -> None:
     parser.add_argument("--set-up", action="store_true", help="with --against: also ./setup.sh")
     parser.add_argument("--repeat", type=int, default=5, help="with --against: times of each command")
     given = parser.parse_args()
+    # without its sources Python would import this copy for both
+    if given.against is not None and not (given.against / "src" / "palpate").is_dir():
+        parser.error(f"--against: found {given.against}, expected the folder of another copy, with src/palpate")
     print(f"{len(os.sched_getaffinity(0))} cores, load average {os.getloadavg()[0]:.1f}")
     if given.against is not None:
         with tempfile.TemporaryDirectory() as name:

@@ -6,6 +6,7 @@ medians and 99th percentiles of the processor time of a tick of contact.Between 
 more than 5 mm the contact leaves the candidates of the default `reach`; the last rolls have a `reach` of 15 mm.
 """
 
+import argparse
 import json
 import time
 from typing import Any
@@ -113,6 +114,7 @@ def roll(kind: str, way: float, settings: dict[str, Any]) -> None:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     for kind in SETTINGS:
         for way in SLIDES:
             slide(kind, way)
