@@ -8,6 +8,10 @@ top and walls of the groove). The indentation of the block is the integral of dV
 the pad is not in it. Printed is the stiffness f/s over that of the block without the groove, at `SHOWN` forces, for the
 elements, and for ReducedFE in presses of the graph kidney with the same modulus. Rims are sharp: over one of 4 mm
 the elements do not converge beyond 0.3 N. A run takes 10 to 20 min.
+
+    python benchmarks/pad_on_groove.py 2 4 8 --same-load    # 1 min
+
+prints the stiffness of linear elements under the pressure that ReducedFE bears, and that of ReducedFE, linear as well.
 """
 
 from __future__ import annotations
@@ -17,15 +21,20 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import scipy
 from growing_contact import POISSON, RADIUS, STEPS, THICK, WIDE, faces_at, pad, run, with_pad
 
 from palpate.bases import build_missing
 from palpate.models.fe import Pair, Solver, quadratic
+from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import TetMesh, bricks, grid
 from palpate.models.fe.solve.body import ElasticBody
+from palpate.nodes.base.felt import touchable_share
+from palpate.nodes.spread import Kernel
+from palpate.physics.contact.spread import spread, spreader
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.organs import gaps
-from palpate.studies.organs.runs import launch
+from palpate.studies.organs.runs import Traces, launch
 from palpate.studies.organs.runs import run as run_touches
 from palpate.studies.organs.touches import Setting
 from palpate.studies.organs.widths import on, press_touch
@@ -35,6 +44,7 @@ from palpate.studies.peers.continuum import grade_axis
 SHOWN = (0.25, 0.5, 1.0)  # [N]
 GROUND = 1e4  # [1/m] foundation of ReducedFE, stiff
 DEPTHS = np.linspace(1e-3, 16e-3, 31)  # [m] of the presses of the graph
+PLACE = 0.3e-3  # [m] x of the presses, off the plane of symmetry
 YOUNG, LEAST = 60e3, 0.01  # [Pa], [N] of the first step that counts
 
 
@@ -80,17 +90,52 @@ def full(half: float, finger: float, size: float) -> np.ndarray:
     return np.array(SHOWN) / np.exp(np.interp(np.log(SHOWN), np.log(force), np.log(indentation)))
 
 
-def reduced(surface: str, folder: Path) -> np.ndarray:
-    """The same of ReducedFE in presses of the graph."""
+def presses(surface: str, folder: Path, depths: np.ndarray, *more: str) -> tuple[Traces, int]:
+    """Presses of ReducedFE in the graph to these depths [m], and the number of a tick at their end."""
     setting = Setting("block", USUAL, "ReducedFE", friction="", width=2.0 * RADIUS)
-    place, down = np.array([0.3e-3, 0.0, 0.5 * gaps.HIGH]), np.array([0.0, 0.0, -1.0])
-    touches = [on(press_touch(setting, place, down, float(deep)), surface) for deep in DEPTHS]
-    extra = [f"tissue.young={YOUNG:g}", f"tissue.poisson={POISSON:g}", f"tissue.bed={GROUND:g}"]
+    place, down = np.array([PLACE, 0.0, 0.5 * gaps.HIGH]), np.array([0.0, 0.0, -1.0])
+    touches = [on(press_touch(setting, place, down, float(deep)), surface) for deep in depths]
+    extra = [f"tissue.young={YOUNG:g}", f"tissue.poisson={POISSON:g}", f"tissue.bed={GROUND:g}", *more]
     build_missing(launch(touches[0].setting, folder, touches[0].duration, extra).load(), False)
     traces = run_touches(touches, folder, extra=extra)[0]
     if traces.failed:
         raise SystemExit(f"pad_on_groove: {surface}: {next(iter(traces.failed.values()))}")
-    last = round((touches[0].duration - 0.15) / traces.step)
+    return traces, round((touches[0].duration - 0.15) / traces.step)
+
+
+def same_load(surface: str, half: float, size: float, folder: Path) -> tuple[float, float]:
+    """Force over indentation [N/m] of linear elements under the pressure of a light press, and of ReducedFE."""
+    traces, last = presses(surface, folder, np.array([4e-3]), "tissue.model=linear")
+    foot, normal = (tuple(traces[f"contact.{name}"][0, last]) for name in ("foot", "normal"))
+    node = Kernel(**traces.nodes["spread"])
+    node.start()
+    mesh, share = node.mesh(), touchable_share(node, node.width)
+    patch = spreader(mesh, node.radius, node.kernel, share)
+    count = spread(patch, foot, normal, (0.0, 0.0, -1.0))
+    nodes = patch.nodes[:count]
+    pressure = patch.weights[:count] / (mesh.areas[nodes] * (1.0 if share is None else share[nodes]))
+    at = mesh.vertices[nodes, :2] - (foot[0], 0.0)
+    block = quarter(half, size)
+    p = block.points
+    fixed = np.stack([p[:, 0] < 1e-9, p[:, 1] < 1e-9, np.zeros(len(p), bool)], axis=1)
+    fixed |= (p[:, 2] < 1e-9 - gaps.HIGH)[:, None]
+    top = faces_at(block, np.abs(p[:, 2]) < 1e-9)
+    points = np.einsum("qa,fak->fqk", face_rule.VALUES, p[top])[..., :2]
+    value = np.zeros(points.shape[:2])
+    for x, y in ((1, 1), (1, -1), (-1, 1), (-1, -1)):  # a quarter bears the mean of the four
+        there = y * at[:, 1] >= half - 1e-4 if half > 0.0 else np.ones(count, bool)
+        value += 0.25 * scipy.interpolate.LinearNDInterpolator(at[there] * (x, y), pressure[there], 0.0)(points)
+    load = np.zeros_like(p)
+    np.add.at(load[:, 2], top, -np.einsum("fq,qa->fa", value * face_rule.areas(p, top), face_rule.VALUES))
+    load /= 4.0 * np.abs(load.sum())
+    body = ElasticBody(block, {0: neo_hooke(YOUNG, POISSON)}, [])
+    elements = 1.0 / (4.0 * float(np.sum(load * body.rest(fixed).solve(load))))
+    return elements, float(traces["contact.force"][0, last] / traces["contact.indentation"][0, last])
+
+
+def reduced(surface: str, folder: Path) -> np.ndarray:
+    """Force over indentation [N/m] of ReducedFE in presses of the graph at `SHOWN` forces."""
+    traces, last = presses(surface, folder, DEPTHS)
     force, indentation = traces["contact.force"][:, last], traces["contact.indentation"][:, last]
     force, indentation = force[force > LEAST], indentation[force > LEAST]
     return np.array(SHOWN) / np.exp(np.interp(np.log(SHOWN), np.log(force), np.log(indentation)))
@@ -101,6 +146,7 @@ def main() -> None:
     parser.add_argument("widths", nargs="*", type=float, default=(8.0,), metavar="WIDTH", help="[mm]")
     parser.add_argument("--finger", type=float, default=60e3, help="modulus of the pad [Pa]")
     parser.add_argument("--size", type=float, default=1.6e-3, help="elements under the contact [m], at most 2e-3")
+    parser.add_argument("--same-load", action="store_true", help="linear elements under the pressure of ReducedFE")
     given = parser.parse_args()
     if unknown := [width for width in given.widths if width not in gaps.GROOVES]:
         parser.error(f"width: found {unknown[0]:g}, expected one of {', '.join(f'{w:g}' for w in gaps.GROOVES)}")
@@ -109,8 +155,14 @@ def main() -> None:
         for width in (0.0, *given.widths):
             print(f"groove {width:g} mm", flush=True)
             surface = f"groove-{width:g}" if width else "block"
+            if given.same_load:
+                elements, found = same_load(surface, 0.5e-3 * width, given.size, Path(name))
+                print(f"  {elements:.0f} N/m with elements, {found:.0f} N/m with ReducedFE", flush=True)
+                continue
             rows[width] = reduced(surface, Path(name)), full(0.5e-3 * width, given.finger, given.size)
             print("  stiffness [N/m]: ReducedFE", *np.round(rows[width][0]), "elements", *np.round(rows[width][1]))
+    if given.same_load:
+        return
     print("stiffness over that without a groove, at " + ", ".join(f"{f:g}" for f in SHOWN) + " N")
     for width in given.widths:
         for kind, which in (("elements", 1), ("ReducedFE", 0)):

@@ -15,7 +15,7 @@ def add_field(
 ):
     """Add displacements u [m] (V,3), in single precision, of the coarse vertices due to the load history, the
     additional load of large displacement and the tangential force that holds the patch, minus those of the half-space
-    under the hat functions."""
+    under the hat functions, unless the load is scattered: the true one has no profile then."""
     held, share, room, active, order = fields[0], fields[2], fields[ROOM], marks[0], marks[2]
     true, press, side = model.true, contact.press, contact.holds.side
     narrowed = contact.narrowed
@@ -35,7 +35,8 @@ def add_field(
         for k in range(touched):
             v = order[k]
             part = 2.0 * share[v, 1] - share[v, 0] if narrowed else share[v, 0]
-            amount, row = np.float32(true.normal * press * part / model.young), true.table[v]
+            amount = np.float32(true.normal * press * part * (1.0 - contact.scattered) / model.young)
+            row = true.table[v]
             for b in range(len(hats)):
                 hats[b] += amount * row[b]
         for b in range(len(hats)):
@@ -80,6 +81,7 @@ def add_half_space(model: Record, foot: Array, normal: Array, contact: Record, n
     if grows:
         radius = max(radius_at(model.area.forces, model.area.radii, press), 1e-6)
     deep = (0.75 * np.pi if grows else 1.0) * (1.0 - true.held) * true.normal * press / (model.young * radius)
+    deep *= 1.0 - contact.scattered
     n0, n1, n2, flat = deep * normal[0], deep * normal[1], deep * normal[2], 1.0 / (radius * radius)
     for k in range(len(nodes)):
         p = nodes[k]

@@ -11,8 +11,9 @@ from palpate.compiler.records import clear
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor, Vector3
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
 from palpate.physics.bodies.large_displacement import NARROWEST, large_depth
-from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
-from palpate.physics.bodies.true_patch import HOLDS, MEAN, TruePatch, narrow_load, patch_compliance
+from palpate.physics.bodies.loads.acting import acting_patch
+from palpate.physics.bodies.patch import normal_force, patch_radius, share_of
+from palpate.physics.bodies.true_patch import HOLDS, MEAN, TruePatch, patch_compliance
 from palpate.physics.contact import end_rate
 from palpate.physics.contact.area import WIDTH, AreaLaw, approach, radius_at
 from palpate.physics.contact.end_rate import advance
@@ -55,7 +56,8 @@ CONTACT = {
     "compliance": (), "free": (), "now": (), "exponent": (),  # [m/N], s_free and s [m], n of the law
     "self_compliance": (),  # [m/N] of the linear body at rest
     "press": (), "more": (),  # [N] normal force on the patch with the additional load for large displacement; that load
-    "radius": (), "wide": (), "narrowed": bool,  # [m] of the patch, also on the coarse surface; near a nodule
+    "radius": (), "wide": (), "narrowed": bool,  # [m] of the patch, also on the coarse surface; near a nodule or a gap
+    "scattered": (),  # [1] w of `scattered`
     "total": (),  # [N] normal force of the load
     "organ": bool,  # load of another organ (`physics.contact.organs`): linear, frictionless
     "rubs": (),  # [m/N] indentation of the next step by the friction that grows with the normal force
@@ -165,11 +167,8 @@ def take_load(
     )
     bears = (1.0 - take) * (contact.course.ahead * contact.course.value) + take * (share * total)
     advance(contact.course, bears if count > 0 else 0.0, dt)
-    # correction of the compliance for the true load, by a half-space
-    radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
     clear(contact.excess)
-    narrowed = narrow_load(model, patch, pull, normal, total, order, touched, measure, radius)
     block = stack_zeros((3, 3))
     # indentation of the linear body: m.C h of the history, m.C f of the load
     sums = stack_zeros((4,))
@@ -179,20 +178,22 @@ def take_load(
         if marked[order[k]] == 0:
             _gather(model, order[k], order, touched, measure, held, load, normal, block, sums)
     now, pressed, static, hats = sums
-    body, more = patch_compliance(
-        model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, contact.holds
+    # correction of the compliance for the true load, by a half-space
+    radius, acts, narrow, narrowed, contact.scattered = acting_patch(
+        model, patch, pull, normal, total, order, touched, measure, hats, not contact.organ
     )
-    contact.narrowed = narrowed
+    contact.narrowed = narrowed or contact.scattered > 0.0
+    body, more = patch_compliance(
+        model.compliance, model.true, order, touched, measure, contact.narrowed, normal, acts, block, hats,
+        contact.holds,
+    )  # fmt: skip
     if contact.organ:
         clear(contact.holds)
     elif len(model.true.table) > 0 and share > 0.0:
         contact.excess.narrow = narrow
-        thin, curved = ground_under(model.true.ground, order, touched, measure)
-        contact.excess.thin = max(FLAT * radius * thin - 1.0, 0.0)
-        contact.excess.curved = max(FLAT * radius * curved - 1.0, 0.0)
-        if not model.true.sticks:
-            contact.excess.slides = max(total / (young * radius * radius * LIGHT) - 1.0, 0.0)
         contact.excess.near = max(NEAR_WIDTH * wide / radius - 1.0, 0.0) if narrowed else 0.0
+        thin, curved = ground_under(model.true.ground, order, touched, measure)
+        _exceed(model, contact.excess, radius, thin, curved, total)
     self_compliance = (body + more) / young
     press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that corresponds to h
     # indentation due to the tangential load
@@ -202,8 +203,17 @@ def take_load(
     contact.compliance, contact.free, contact.now = take * self_compliance, free, now
     contact.rubs = take * max(tangential, 0.0) / max(total, LEAST_FORCE)
     contact.more, contact.self_compliance, contact.press = 0.0, self_compliance, press
-    contact.radius, contact.wide, contact.total = radius, wide, total * share
+    contact.radius, contact.wide, contact.total = acts, wide, total * share
     return count, touched
+
+
+@kernel
+def _exceed(model: CondensedModel, excess: Record, radius: float, thin: float, curved: float, total: float):
+    """Excess of a patch of this radius [m] on ground of this inverse thickness and curvature [1/m] under a force [N]."""
+    excess.thin = max(FLAT * radius * thin - 1.0, 0.0)
+    excess.curved = max(FLAT * radius * curved - 1.0, 0.0)
+    if not model.true.sticks:
+        excess.slides = max(total / (model.young * radius * radius * LIGHT) - 1.0, 0.0)
 
 
 @kernel

@@ -26,6 +26,7 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
 
 
 NEAR = 2e-3  # [m] Largest movement of the feet for which the vertices that may be sent stay listed
+LEAST_MOMENT = 0.29  # [1] Mean square distance of a hat function from its vertex over the nodal area: regular triangles
 MOST_FEET = 16  # with more feet they are listed in each step
 
 
@@ -127,6 +128,17 @@ def load_radius(vertices: Matrix, patch: Indices, pull: Matrix, normal: Vector3,
     square /= max(weight, 1e-300)
     narrower = np.sqrt(2.0 * floor / max(square, 1e-2 * floor)) - 1.0
     return 2.0 * np.sqrt(max(square, floor)), max(narrower, 0.0)
+
+
+@kernel
+def compactness(patch: Indices, pull: Matrix, normal: Vector3, total: float, least: Array, radius: float):
+    """q [1] of a load (k,3) of the radius R [m] on vertices `patch`, (sum of g_j²/A_j)^-1/(5 pi R²/9): 1 for a biweight
+    patch, less if it is in several parts. least [m²] (N,) `LEAST_MOMENT` A of each vertex of the fine mesh."""
+    uneven = 0.0
+    for k in range(len(patch)):
+        share = share_of(k, pull, normal, total)
+        uneven += share * share / least[patch[k]]
+    return 9.0 / max(5.0 * np.pi * radius * radius * LEAST_MOMENT * uneven, 1e-300)
 
 
 def reaches(vertices: np.ndarray, within: np.ndarray) -> np.ndarray:

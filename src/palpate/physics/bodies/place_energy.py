@@ -32,8 +32,9 @@ from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.memory import stack_zeros
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector, Vector3
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
-from palpate.physics.bodies.patch import load_radius, normal_force
-from palpate.physics.bodies.true_patch import Holds, gather_compliance, narrow_load, patch_compliance
+from palpate.physics.bodies.loads.acting import acting_patch
+from palpate.physics.bodies.patch import normal_force
+from palpate.physics.bodies.true_patch import Holds, gather_compliance, patch_compliance
 from palpate.physics.contact.spread import Spreader, spread
 from palpate.physics.geometry.mesh import Mesh
 
@@ -92,15 +93,17 @@ def _soften(vertices: Matrix, normals: Matrix, model: Record, spreader: Spreader
                 touched += 1
         # compliance of the linear organ under the patch, and its lateral displacement over the indentation
         total = normal_force(forces, normal)
-        radius, _ = load_radius(model.fine, nodes, forces, normal, total, model.true.least)
-        narrowed = narrow_load(model, nodes, forces, normal, total, order, touched, measure, radius)
         hats = gather_compliance(model.compliance, model.true.table, order, touched, measure, 0, block)
+        _, acts, _, narrowed, scattered = acting_patch(
+            model, nodes, forces, normal, total, order, touched, measure, hats, True
+        )
+        narrowed = narrowed or scattered > 0.0
         for i in range(3):
             for j in range(3):
                 sideways[v, i] -= normal[j] * block[j, i]
         out = row_times(normal, sideways[v])
         body, more = patch_compliance(
-            model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, holds
+            model.compliance, model.true, order, touched, measure, narrowed, normal, acts, block, hats, holds
         )
         compliances[v] = body + more
         for i in range(3):

@@ -11,14 +11,8 @@ c_R   of the half-space under the true load, the pressure 3f/(pi R²) (1 - r²/R
 H     of the half-space between hat functions: H_ij = (1 - nu²)/pi T_ij, T_ij [1/m] the mean of 1/|x - y| over i and j
       (J. Boussinesq 1885; K. L. Johnson, Contact Mechanics, 1985, eq. 3.19)
 
-Near a nodule or under a capsule C - H is not smooth at the scale of the patch. There C and H are applied to the
-narrowed load
-
-    gamma = g - w b (g - h),    b = (R_w² - R²)/(R_w² - R_h²)
-
-R_w is the radius of g on the coarse surface, R_h that of h, the load times (1 - r²/R²)^8. With w = 1 gamma has the true
-second moment on the coarse surface. w decreases from 1 at the mean distance `WITHIN` R of the patch from the other
-modulus to 0 at `BEYOND` R.
+Near a nodule or under a capsule C - H is not smooth at the scale of the patch, and a load on both rims of a groove is
+not one patch: see `loads`.
 
 `hold` is the reduction of the compliance by sticking,
 
@@ -42,18 +36,15 @@ from palpate.compiler.memory import stack_zeros
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
 from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
 from palpate.physics.bodies.hat_distances import mean_inverse_distance
-from palpate.physics.bodies.patch import patch_radius, share_of
+from palpate.physics.bodies.loads.scattered import MEAN, Means, hat_means, no_means
+from palpate.physics.bodies.patch import LEAST_MOMENT
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import keep_results
 from palpate.physics.special import patch_depth
 
-MEAN = 2.40816816  # I: mean of W over the patch, weighted with the pressure
 HELD = 0.1764960  # S_0, reduction of c_R by sticking of each point, over (1 - 2nu)²/(1 - nu)²
 KNOTS = 256  # Number of intervals of the table of W
 LEAST_SHARE = 0.05  # [1] Lower limit of the corrected compliance over g.C g
-WITHIN, BEYOND = 0.5, 2.0  # [1] Distances from another modulus over R between which w decreases from 1 to 0
-MOST_NARROWED = 3.0  # [1] Upper limit of b, for patches that are much narrower than the hat functions
-LEAST_MOMENT = 0.29  # [1] Mean square distance of a hat function from its vertex over the nodal area: regular triangles
 
 
 class TruePatch(NamedTuple):
@@ -62,6 +53,7 @@ class TruePatch(NamedTuple):
     least    [m²] (N,) lower limit of the mean square radius of a load on each vertex of the fine mesh
     apart    [m] (V,) distance of each coarse vertex from another modulus; empty if there is one modulus
     ground   [1/m] (V,2) inverse thickness, and curvature, at each coarse vertex, see `half_space_range`
+    means    of the coarse surface, for loads that are not one patch
     """
 
     table: Annotated[np.ndarray, "<f4", 2]  # [1/m] (V,V) float32, see `mean_inverse_distance`
@@ -73,6 +65,7 @@ class TruePatch(NamedTuple):
     least: Annotated[np.ndarray, "<f8", 1]
     apart: Annotated[np.ndarray, "<f8", 1]
     ground: Annotated[np.ndarray, "<f8", 2]
+    means: Means
 
 
 def true_patch(
@@ -89,7 +82,7 @@ def true_patch(
     near = np.zeros(0) if apart is None else apart
     return TruePatch(
         _table(coarse) if table is None else table, depth_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks,
-        LEAST_MOMENT * fine.areas, near, _ground(coarse),
+        LEAST_MOMENT * fine.areas, near, _ground(coarse), _means(coarse),
     )  # fmt: skip
 
 
@@ -103,11 +96,16 @@ def _ground(coarse: Mesh) -> np.ndarray:
     return np.stack([inverse_thickness(coarse), curvature(coarse)], axis=1)
 
 
+@keep_results
+def _means(coarse: Mesh) -> Means:
+    return hat_means(coarse)
+
+
 def without_correction(fine: Mesh) -> TruePatch:
     """No correction: the body is that of the full model under the widened load."""
     return TruePatch(
         np.zeros((0, 0), np.float32), np.zeros(0), 0.0, 1.0, 0.0, False, LEAST_MOMENT * fine.areas, np.zeros(0),
-        np.zeros((0, 2)),
+        np.zeros((0, 2)), no_means(),
     )  # fmt: skip
 
 
@@ -178,66 +176,6 @@ def _held_sideways(block: Matrix, normal: Vector3, more: float, holds: Record):
 
 
 @kernel
-def narrow_load(
-    model: Record,
-    patch: Indices,
-    pull: Matrix,
-    normal: Vector3,
-    total: float,
-    order: Indices,
-    touched: int,
-    measure: Matrix,
-    radius: float,
-):
-    """Fill the second column of `measure` (V,3), whose first contains g, with gamma. False if both are equal.
-
-    model  a `CondensedModel`;  patch, pull  the load (k,3) on the fine vertices;  radius [m] R
-    order (>= touched) coarse vertices of the patch
-    """
-    apart = model.true.apart
-    if len(apart) == 0:
-        return False
-    # w from the patch's mean distance to the other modulus
-    away, x = 0.0, stack_zeros((3,))
-    for k in range(touched):
-        v = order[k]
-        away += measure[v, 0] * apart[v]
-        measure[v, 1] = 0.0
-    at = min(max((away / radius - WITHIN) / (BEYOND - WITHIN), 0.0), 1.0)
-    near = 1.0 - at * at * (3.0 - 2.0 * at)
-    if near <= 0.0:
-        return False
-    # h: the load times (1 - r²/R²)^8 about its centre, normalised
-    for k in range(len(patch)):
-        share = abs(share_of(k, pull, normal, total))
-        for i in range(3):
-            x[i] += share * model.fine[patch[k], i]
-    whole = 0.0
-    for k in range(len(patch)):
-        p = patch[k]
-        d0, d1, d2 = model.fine[p, 0] - x[0], model.fine[p, 1] - x[1], model.fine[p, 2] - x[2]
-        inside = max(1.0 - (d0 * d0 + d1 * d1 + d2 * d2) / (radius * radius), 0.0)
-        square = inside * inside
-        share = abs(share_of(k, pull, normal, total)) * (square * square * (square * square))
-        whole += share
-        for a in range(3):
-            measure[model.corners[p, a], 1] += share * model.weights[p, a]
-    if not whole > 0.0:
-        return False
-    for k in range(touched):
-        measure[order[k], 1] /= whole
-    # b from the radii, and gamma
-    wide = patch_radius(model.vertices, model.moments, order, touched, measure) ** 2
-    drawn = patch_radius(model.vertices, model.moments, order, touched, measure[:, 1:]) ** 2
-    by = (wide - radius * radius) / max(wide - drawn, 0.25 * radius * radius)
-    by = near * min(max(by, 0.0), MOST_NARROWED)
-    for k in range(touched):
-        v = order[k]
-        measure[v, 1] = measure[v, 0] - by * (measure[v, 0] - measure[v, 1])
-    return True
-
-
-@kernel
 def gather_compliance(
     compliance: Matrix, table: Matrix, order: Indices, touched: int, measure: Matrix, column: int, block: Matrix
 ):
@@ -282,9 +220,10 @@ def patch_compliance(
 ):
     """Compliance of a patch for a modulus of 1 Pa [m/N]: g.C g along the normal, and its correction. Fills `holds`.
 
+    radius       [m] R, or that of the patch with the same compliance of the half-space, see `loads.scattered`
     holds        `HOLDS`, or arrays with these names
     block, hats  g.C g [m/N] (3,3) and g.T g [1/m], see `gather_compliance`; `block` is changed
-    order, measure, narrowed  see `narrow_load`
+    order, measure, narrowed  see `loads.narrowed`
     """
     for a in range(2):
         holds.cross[a] = holds.own[a, 0] = holds.own[a, 1] = 0.0
