@@ -156,13 +156,17 @@ def _placed_mesh(
     content: bytes,
 ) -> Mesh:
     """`surface_mesh` of a file with this digest."""
-    if surface == "plane":
-        mesh = plane(PLANE_SIZE, vertices)
-    elif surface in SURFACES:
-        mesh = tessellate(_patch(surface), max(vertices, 12))
+    if surface in SURFACES:
+        mesh = _built_in(surface, vertices)
     else:
         mesh = _file_mesh(surface, file_unit, piece, refine, content)[0]
     return place_mesh(mesh, position, rotation)
+
+
+@lru_cache(maxsize=4)
+def _built_in(surface: str, vertices: int) -> Mesh:
+    """The mesh of a built-in surface where its numbers put it: once for all its positions."""
+    return plane(PLANE_SIZE, vertices) if surface == "plane" else tessellate(_patch(surface), max(vertices, 12))
 
 
 @lru_cache(maxsize=4)  # two files, each as it is and refined

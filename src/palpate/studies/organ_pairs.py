@@ -163,29 +163,40 @@ def support_at(way: np.ndarray) -> list[Support]:
     return [Support(displacement=(x, y, z), velocity=(0.0, 0.0, 0.0))]
 
 
-def run(case: Case, exchanged: bool = False, rigid: bool = False) -> Course:
-    """Step the nodes in the order of a graph. `rigid`: the finger presses a rigid body alone."""
+def finger_at(case: Case, tick: int, approach: float) -> Proximity:
+    """The finger at its foot, into the undeformed body by `approach` [m]."""
+    (nx, ny, nz), (x, y, z) = case.normal.tolist(), case.foot.tolist()
+    return Proximity(
+        foot=(x, y, z), normal=(nx, ny, nz), coordinates=(0.0, 0.0), element=0, gap=-float(approach),
+        approach=max(float(approach), 0.0), slip=(0.0, 0.0, 0.0), separation=max(-float(approach), 0.0), tick=tick,
+        time=round(tick * DT * 1e9),
+    )  # fmt: skip
+
+
+def forces_on_rigid(case: Case) -> np.ndarray:
+    """Force [N] of the finger on a rigid body alone, which moves into it, at each step."""
+    body, spread, contact, surface = deformation.Rigid(), Kernel(**case.upper["surface"]), Backed(thickness=0.0), None
+    for node in (body, spread, contact):
+        node.start()
+    forces = []
+    for tick, share in enumerate(motion(case)):
+        approach = case.depth * share - 1e-4 + case.closing * share * max(float(case.normal[2]), 0.0)
+        touch = contact.step(finger_at(case, tick, approach), surface, [], dt=DT)
+        forces.append(touch.force)
+        surface = press_body(body, spread.step(touch, None, dt=DT), dt=DT)
+    return np.array(forces)
+
+
+def run(case: Case, exchanged: bool = False) -> Course:
+    """Step the nodes in the order of a graph."""
     upper, lower, between, above, below, spread, contact = nodes_of(case, exchanged)
     course, surface, felt = Course(), None, None
-    if rigid:
-        upper = deformation.Rigid()
-        upper.start()
-    (nx, ny, nz), (x, y, z) = case.normal.tolist(), case.foot.tolist()
     for tick, share in enumerate(motion(case)):
-        approach = case.depth * share - 1e-4 + (case.closing * share * max(nz, 0.0) if rigid else 0.0)
         way = float(share) * np.array([*case.slide, case.closing])
         carried = {("first" if exchanged else "second") + "_support": support_at(way)}
-        near = Proximity(
-            foot=(x, y, z), normal=(nx, ny, nz), coordinates=(0.0, 0.0), element=0,
-            gap=-float(approach), approach=max(float(approach), 0.0), slip=(0.0, 0.0, 0.0),
-            separation=max(-float(approach), 0.0), tick=tick, time=round(tick * DT * 1e9),
-        )  # fmt: skip
-        touch = contact.step(near, surface, [] if rigid else [felt], dt=DT)
+        touch = contact.step(finger_at(case, tick, case.depth * share - 1e-4), surface, [felt], dt=DT)
         load = spread.step(touch, None, dt=DT)
         course.contacts.append(touch)
-        if rigid:
-            surface = press_body(upper, load, dt=DT)
-            continue
         loads = ([], [load]) if exchanged else ([load], [])
         organs = between.step(*loads, dt=DT, **carried)
         (push, felt), (counter, _) = above.step(organs, dt=DT), below.step(organs, dt=DT)
@@ -215,10 +226,10 @@ def friction_excess(case: Case, between: Between) -> float:
 
 def judge(case: Case) -> Verdict:
     """Run a case, and with exchanged bodies, and check it."""
-    found, swapped, rigid = run(case), run(case, exchanged=True), run(case, rigid=True)
+    found, swapped = run(case), run(case, exchanged=True)
     forces = np.array([c.force for c in found.contacts])
     organs = np.array([b.force for b in found.between])
-    bound = np.abs(np.diff([c.force for c in rigid.contacts])).max()
+    bound = np.abs(np.diff(forces_on_rigid(case))).max()
     overlap = -min(b.gap for b in found.between)
     generated = found.between[-1].generated
     change = float(np.abs(np.diff(forces)).max() / max(bound, 1e-6))
