@@ -150,7 +150,7 @@ def spread_forces(pair, side, rubs, sign):
 def summarise(own, pair, first, second, normal, out):
     """Fill force, patch and gap of the message."""
     active, force, out.gap = pair.active, 0.0, own.reach
-    out.area = contact_area(pair, floats(own.areas), longs(own.borders), floats(own.strips))
+    out.area = contact_area(pair, floats(own.areas), longs(own.borders)[: own.met], floats(own.strips)[: own.met])
     resultant, foot, across = own.sums[0], own.sums[1], own.sums[2]
     own.sums[:] = 0.0
     for k in range(active.tally[0].active):
@@ -264,16 +264,18 @@ class Between(CompiledNode):
 
     State = {
         "pair": form(contact.Pair), "one": form(BodySide), "two": form(BodySide), "rub": form(Rubbing),
-        "normals": TABLE, "areas": ARRAY, "borders": TABLE, "strips": ARRAY,
+        "normals": TABLE, "areas": ARRAY, "borders": TABLE, "strips": ARRAY, "met": int,
         "others": TABLE, "opened": CUBE, "again": CUBE, "along": CUBE,
         "yields": TABLE, "returns": TABLE, "slid": ARRAY,
         "rest": ARRAY, "supports": (2, 3), "apart": (3,), "carried": ARRAY,
         "sums": (3, 3), "foot": (3,), "across": (3,), "normal": (3,), "fault_side": int,
         "strays": (2,), "allowed": (2,),  # greatest slide and approach by the foundations [m], and those of the cells
         # Candidates that follow (`followed`): normals on the second organ, n.(x_1 - x_2) [m]; the next one; the largest
-        # force [N] at the end of the region with candidates.
+        # force [N] at the end of the region with candidates; of those that move to other cells (`reassigned`) the last
+        # one, -1: none, the next one whose neighbours are examined, and how many were.
         "track": form(following.Track), "first_law": form(Law), "second_law": form(Law), "opposite": TABLE,
         "before": ARRAY, "turn": int, "still": (2, 3), "still_turn": (2, 3), "tangents": TABLE, "ended": (),
+        "fresh": int, "outer": int, "looked": int,
         "floats": bool, "room": (), "losses": (),  # whether forces move an organ; [J] lost in the last step, and in all
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
         # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;
@@ -286,14 +288,15 @@ class Between(CompiledNode):
         "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance, and what it gave
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates, and their
-    borders, see `borders.Borders`; openings by all loads
+    borders, see `borders.Borders`, and the number of these; openings by all loads
     on each body, and by each finger on the first and on the second; workspace; responses [m/N] of both; gaps [m] of the
     bodies at their places at the start, displacements [m] of both foundations and their difference, work [J] of the
     foundations; last feet and normal."""
     shared = (
-        "first_points", "second_points", "pair.retardation", "areas", "borders", "strips", "one.begins", "two.begins",
+        "first_points", "second_points", "pair.retardation",
         *(f"track.{name}" for name in (
-            "begins", "vertices", "weights", "facing", "rim", "points", "cells", "discs", "star_at", "star"
+            "begins", "vertices", "weights", "place", "area", "parent", "child", "near_at", "near", "strips", "beyond",
+            "facing", "points", "cells", "discs", "star_at", "star",
         )),
         *(f"{law}_law.{name}" for law in ("first", "second") for name in ("compliance", "table", "softness", "areas")),
     )  # fmt: skip
@@ -384,6 +387,7 @@ class Between(CompiledNode):
         self.hold("areas", area)
         self.hold("borders", np.ascontiguousarray(found.borders.cells))
         self.hold("strips", found.borders.area)
+        self.own["met"], self.own["fresh"] = len(found.borders.area), -1
 
     def _hold_ride(self, count: int, meshes: list[Mesh]) -> None:
         """State of organs that rotate with their foundations, without room for their answers (`begins_to_ride`)."""
@@ -411,17 +415,20 @@ class Between(CompiledNode):
     def make_follow(self) -> None:
         """Let the candidates follow when the organs slide on each other (`followed`)."""
         found, count = self._found, len(self._found.gap)
-        if self.of_one_body or not count or len(self._held.get("track.last", ())):
+        if self.of_one_body or not count or len(self._held.get("track.cell", ())):
             return
         self.hold("track", track := following.track(found, *self._meshes))
         self.hold("tangents", np.zeros((2, 3)))
+        self._free_borders(track)
         for side, name, law, slides in zip(
             ("one", "two"), ("first", "second"), self._laws, (found.swapped, not found.swapped), strict=True
         ):  # fmt: skip
             self.hold(f"{name}_law", law)
             if law.kind == SPRINGS:
                 self._free_springs(side)
-            if slides:
+            if not slides:
+                self._free_cells(side, track)
+            else:
                 self._free_shares(side, track)
                 one, two = found.first.place, found.second.place
                 places = (two, one) if found.swapped else (one, two)
@@ -444,9 +451,29 @@ class Between(CompiledNode):
         ):  # fmt: skip
             self._hold(self.own[side], name, value, f"{side}.{name}")
 
+    def _free_borders(self, track: following.Track) -> None:
+        """Room for the borders of candidates in any cells."""
+        most = np.sort(np.diff(track.near_at))[-len(track.cell) :].sum() // 2
+        for name, value in (("borders", np.zeros((most, 2), np.int64)), ("strips", np.zeros(most))):
+            kept = self._held[name]
+            value[: len(kept)] = kept
+            self.hold(name, value)
+
+    def _free_cells(self, side: str, track: following.Track) -> None:
+        """The shares of all cells of the surface on which the candidates stay, and room for the load of any."""
+        count, most = len(track.cell), int(np.diff(track.begins).max())
+        used = min(len(track.vertices), count * most)
+        for name, value in (
+            ("begins", track.begins[:count].copy()), ("ends", track.begins[1 : count + 1].copy()),
+            ("vertices", track.vertices.copy()), ("shares", track.weights.copy()),
+            ("nodes", np.zeros(used, np.int32)), ("forces", np.zeros((used, 3))),
+        ):  # fmt: skip
+            self._hold(self.own[side], name, value, f"{side}.{name}")
+
     def _free_shares(self, side: str, track: following.Track) -> None:
-        """Room for the shares of candidates on the body over which they slide: three for each vertex."""
-        begins, size = 3 * track.begins, len(self._held[f"{side}.corners"])
+        """Room for the shares of candidates on the body over which they slide: three for each vertex of any cell."""
+        count, size = len(track.cell), len(self._held[f"{side}.corners"])
+        begins = 3 * int(np.diff(track.begins).max()) * np.arange(count + 1)
         ends = begins[:-1] + np.diff(self._held[f"{side}.begins"])
         vertices, shares = np.zeros(begins[-1], np.int64), np.zeros(begins[-1])
         at = np.concatenate([np.arange(*each) for each in zip(begins, ends, strict=False)])
@@ -556,7 +583,7 @@ class Between(CompiledNode):
                 "foundation, or landed on it, within a step: a higher rate generates less",
             )  # fmt: skip
         (aside, nearer), (cell, reach) = self.known["strays"], self.known["allowed"]
-        if aside > cell > 0.0 and not self.known["track"]["last"]["shape"][0]:
+        if aside > cell > 0.0 and not self.known["track"]["cell"]["shape"][0]:
             self._note_growth(
                 "slide", aside,
                 f"Between: the foundations slid by up to {1e3 * aside:.3g} mm against each other, more than the "

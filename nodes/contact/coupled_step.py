@@ -179,6 +179,26 @@ def build(own):
 
 
 @ieee_kernel
+def build_row(own, k, i):
+    """Fill row and column of the matrix of all contacts for candidate i of contact k, which is free: it moved to
+    another cell (`reassigned`)."""
+    matrix, sides, starts, m = floats(own.matrix), integers(own.sides), longs(own.starts), own.members[k]
+    row, at, alone = matrix[starts[k] + i], starts[k], floats(m.pair.matrix)
+    row[:] = 0.0
+    for side in range(2):
+        for other in range(len(sides)):
+            for s in range(2):
+                if sides[k, side] >= 0 and sides[other, s] == sides[k, side]:
+                    n, turns, levers = own.members[other], floats(m.turns), floats(m.levers)
+                    soft, begin = m.ride[side].soft, starts[other]
+                    coupled.add_row(soft, side, turns, levers, i, s, floats(n.turns), floats(n.levers), row, begin)
+    for j in range(len(alone)):
+        row[at + j] += alone[i, j]
+    for j in range(len(row)):
+        matrix[j, at + i] = row[j]
+
+
+@ieee_kernel
 def fill_gaps(own):
     """Fill the gaps of all candidates with the forces so far. Returns how far [m] those that bear are from zero, or
     others below."""
@@ -303,6 +323,10 @@ def begin(own, loads, supports, dt):
         own.renewed = 0
         build(own)
         refactor(floats(own.matrix), active_of(own.active))
+    else:
+        for k in range(len(sides)):
+            if own.members[k].fresh >= 0:
+                build_row(own, k, own.members[k].fresh)
 
 
 @ieee_kernel

@@ -133,7 +133,7 @@ def cells(mesh: Mesh, other: Mesh, near: Near, most: int, walls: np.ndarray | No
         spacing = 0.5 * float(np.sqrt(areas.min()))
         if walls is not None:  # with less there are more than `most` on flat walls, at triangles of any size
             spacing = max(spacing, float(np.sqrt(areas.sum() / (np.pi * most))) / GRADED)
-        while len(centres := _centres(points, order, spacing * grown)) > most:
+        while len(centres := centres_of(points, order, spacing * grown)) > most:
             spacing *= WIDER
     count = len(centres)
     cell = nearest(tree_of(points[centres]), points)[1][:, 0] if count else np.zeros(0, np.int64)
@@ -144,15 +144,15 @@ def cells(mesh: Mesh, other: Mesh, near: Near, most: int, walls: np.ndarray | No
     gap = np.bincount(cell, part * near.distances, minlength=count).astype(float)
     corners = other.triangles[near.triangles]
     weights = _barycentric(other.vertices[corners], near.feet) * part[:, None]
-    own = _shares(cell, near.vertices, part, mesh, count)
-    across = _shares(np.repeat(cell, 3), corners.ravel(), weights.ravel(), other, count)
+    own = shares_of(cell, near.vertices, part, mesh, count)
+    across = shares_of(np.repeat(cell, 3), corners.ravel(), weights.ravel(), other, count)
     cell_of = np.full(len(mesh.vertices), -1)
     cell_of[near.vertices] = cell
     met = borders(mesh, cell_of, own.place, area)
     return Candidates(gap, normal, area, own, across, met, spacing, False, near.deepest)
 
 
-def _centres(points: np.ndarray, order: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+def centres_of(points: np.ndarray, order: np.ndarray, spacing: np.ndarray) -> np.ndarray:
     """Indices of points chosen in this order, each without others nearer than its spacing [m] (n)."""
     free, chosen = np.ones(len(points), bool), []
     for k in order:
@@ -173,7 +173,7 @@ def _barycentric(corner: np.ndarray, point: np.ndarray) -> np.ndarray:
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _shares(cell: np.ndarray, vertex: np.ndarray, weight: np.ndarray, mesh: Mesh, count: int) -> Shares:
+def shares_of(cell: np.ndarray, vertex: np.ndarray, weight: np.ndarray, mesh: Mesh, count: int) -> Shares:
     """The shares of cells on vertices, with one entry for each pair."""
     pairs, place = np.unique(np.stack([cell, vertex], axis=1), axis=0, return_inverse=True)
     weights = np.bincount(place.ravel(), weight, minlength=len(pairs)).astype(float)  # integers without a candidate

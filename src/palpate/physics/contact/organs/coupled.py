@@ -86,15 +86,22 @@ def add_block(
 ):  # fmt: skip
     """Add J A J' [m/N] of an organ, which is the `side` of one contact and the side `other` of a second one, to the
     block of a matrix that begins at `row` and `column`."""
-    sign = 1.0 if other == 0 else -1.0
     for i in range(len(turns)):
-        p, q = _rows(soft, side, turns, levers, i)
-        at = out[row + i]
-        for j in range(len(turns_2)):
-            h = p[0] * turns_2[j, 0] + p[1] * turns_2[j, 1] + p[2] * turns_2[j, 2]
-            k = 3 * other
-            t = q[0] * levers_2[j, k] + q[1] * levers_2[j, k + 1] + q[2] * levers_2[j, k + 2]
-            at[column + j] += sign * h + t
+        add_row(soft, side, turns, levers, i, other, turns_2, levers_2, out[row + i], column)
+
+
+@ieee_kernel
+def add_row(
+    soft: Matrix, side: int, turns: Matrix, levers: Matrix, i: int, other: int, turns_2: Matrix, levers_2: Matrix,
+    out: Array, column: int,
+):  # fmt: skip
+    """`add_block` for candidate i of the first contact, to a row of the matrix."""
+    sign, k = 1.0 if other == 0 else -1.0, 3 * other
+    p, q = _rows(soft, side, turns, levers, i)
+    for j in range(len(turns_2)):
+        h = p[0] * turns_2[j, 0] + p[1] * turns_2[j, 1] + p[2] * turns_2[j, 2]
+        t = q[0] * levers_2[j, k] + q[1] * levers_2[j, k + 1] + q[2] * levers_2[j, k + 2]
+        out[column + j] += sign * h + t
 
 
 @ieee_kernel

@@ -14,6 +14,13 @@ one that is due most (`between_rows`), so that cells next to each other are behi
 A viscous body answers to a sudden change of a gap by a spike of the force. So a cell that touches takes `EASE` of what
 is left of it in each step. A change of a gap without a motion is energy that the contact gives or takes: it is counted
 (`jumps`).
+
+Where the contact wanders over the finer surface, as where organs roll, the candidates move to other cells of it
+(`surface_cells`): in a step the neighbours of the next `SCANNED` candidates are examined, and the free one with the
+largest gap between the undeformed organs moves to one of them where that is smaller, by `BETTER`. So the candidates
+remain the cells nearest to the other organ. It begins there without force, at rest under the forces of the step. A cell
+of the start that is coarse, because it was far from the smallest gap, is left for a fine part of it where its gap
+exceeds the smallest one by less than `NEARER` of that at the start; other candidates move to the other parts.
 """
 
 from typing import Annotated, NamedTuple
@@ -22,6 +29,7 @@ import numpy as np
 
 from palpate.compiler.fields import element_type
 from palpate.physics.contact.organs.candidates import Candidates
+from palpate.physics.contact.organs.surface_cells import surface_cells
 from palpate.physics.geometry.bvh import CELLS, DISCS, POINTS
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import TRACKED, MeshClosestPoint
@@ -34,6 +42,8 @@ EASE, LEAST = 0.1, 1e-8  # [1]; [m] below which a change is taken at once
 VERTICES = 16  # of the cells that are computed again in a step
 MOVED, TURNED = 1e-4, 0.005  # [m], [rad] after which the compliances of a cell are computed again
 CLOSE, FAR = 1e-3, 5.0  # [m], [1] by how much later those of cells are that are farther apart
+SCANNED, BETTER = 16, 0.9  # candidates per step; [1] gap at a new cell over that at the last one
+NEARER = 0.8  # [1]
 TRACKED_TYPE = element_type(TRACKED)
 
 
@@ -41,7 +51,10 @@ class Track(NamedTuple):
     """The cells of one surface that follow the other one; no cells: they stay.
 
     fine      0: the cells keep their places on the first surface, 1: on the second
-    begins (m+1), vertices, weights [1] (k)  of the cells on their surface, see `candidates.Shares`
+    begins (M+1), vertices, weights [1] (k)  of all cells of their surface, see `surface_cells.SurfaceCells`
+    place [m] (M,3), area [m²] (M), parent, child (M), near_at (M+1), near, strips [m²] (e)  also from there
+    beyond [m] (m)     the gap of each cell of the start less the smallest one
+    cell (m), slot (M)  the cell of each candidate, and the candidate of each cell; -1: none
     facing [1] (k,3)   normals of the vertices
     last (k)           triangle of the other surface with the foot of each vertex, in the order of its tables
     places [1] (k,2)   weights of its second and third corner
@@ -50,7 +63,7 @@ class Track(NamedTuple):
     jumps [m] (m)      change of the gaps without a motion in this step
     pending [m] (m)    changes that are left
     late [1] (m)       by how much the compliances of a cell are due; 1: they are
-    rim (m)            whether a cell is at the end of the region that has cells
+    rim (m)            whether a candidate is at the end of the region that has candidates
     points ... star    the other surface, see `bvh.MeshTables`
     tracked, work, foot  workspaces of `mesh_closest.track_mesh`
     """
@@ -59,6 +72,16 @@ class Track(NamedTuple):
     begins: Annotated[np.ndarray, "<i8", 1]
     vertices: Annotated[np.ndarray, "<i8", 1]
     weights: Annotated[np.ndarray, "<f8", 1]
+    place: Annotated[np.ndarray, "<f8", 2]
+    area: Annotated[np.ndarray, "<f8", 1]
+    parent: Annotated[np.ndarray, "<i8", 1]
+    child: Annotated[np.ndarray, "<i8", 1]
+    near_at: Annotated[np.ndarray, "<i8", 1]
+    near: Annotated[np.ndarray, "<i8", 1]
+    strips: Annotated[np.ndarray, "<f8", 1]
+    beyond: Annotated[np.ndarray, "<f8", 1]
+    cell: Annotated[np.ndarray, "<i8", 1]
+    slot: Annotated[np.ndarray, "<i8", 1]
     facing: Annotated[np.ndarray, "<f8", 2]
     last: Annotated[np.ndarray, "<i8", 1]
     places: Annotated[np.ndarray, "<f8", 2]
@@ -83,29 +106,21 @@ def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
     """The cells at the start."""
     count = len(found.gap)
     mesh, other = (second, first) if found.swapped else (first, second)
-    own = found.second if found.swapped else found.first
-    search = MeshClosestPoint(other)
-    tables = search.tables
-    triangles = search.find(mesh.vertices[own.vertices])[2]
-    at = np.zeros(len(other.triangles), np.int64)
+    search, surface = MeshClosestPoint(other), surface_cells(mesh, found)
+    tables, size = search.tables, len(surface.vertices)
+    used = surface.begins[count]
+    triangles = search.find(mesh.vertices[surface.vertices[:used]])[2]
+    at, last = np.zeros(len(other.triangles), np.int64), np.zeros(size, np.int64)
     at[tables.cells["origin"]] = np.arange(len(tables.cells))
+    last[:used] = at[triangles]
     base = (-1.0 if found.swapped else 1.0) * (found.first.place - found.second.place)
-    work = search.scratch()[1]
-    size = len(own.vertices)
+    slot = np.full(len(surface.area), -1)
+    slot[:count] = np.arange(count)
+    ends = (slot[surface.near] < 0) & (surface.parent[surface.near] < 0)
+    rim = np.array([ends[surface.near_at[i] : surface.near_at[i + 1]].any() for i in range(count)], np.uint8)
+    zero = [np.zeros(count) for _ in range(4)]
     return Track(
-        int(found.swapped), np.searchsorted(own.cells, np.arange(count + 1)).astype(np.int64), own.vertices,
-        own.weights, np.ascontiguousarray(mesh.normals[own.vertices]), at[triangles], np.zeros((size, 2)),
-        base, base.copy(), np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count),
-        _rim(mesh, own.vertices, own.cells, count), *tables.arrays,
-        np.zeros(1, TRACKED_TYPE), work, np.zeros(1, FEET),
+        int(found.swapped), *surface, found.gap - found.gap.min(), np.arange(count), slot,
+        np.ascontiguousarray(mesh.normals[surface.vertices]), last, np.zeros((size, 2)), base, base.copy(), *zero, rim,
+        *tables.arrays, np.zeros(1, TRACKED_TYPE), search.scratch()[1], np.zeros(1, FEET),
     )  # fmt: skip
-
-
-def _rim(mesh: Mesh, vertices: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
-    """Cells with a vertex next to one without a cell."""
-    cell = np.full(len(mesh.vertices), -1)
-    cell[vertices] = cells
-    across = (cell[mesh.triangles] < 0).any(axis=1)
-    rim, met = np.zeros(count, np.uint8), cell[mesh.triangles[across]].ravel()
-    rim[met[met >= 0]] = 1
-    return rim

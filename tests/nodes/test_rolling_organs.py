@@ -1,0 +1,153 @@
+"""Organs that roll on each other, so that the contact leaves the cells of the start: against the same organs that were
+set up at the end of the roll."""
+
+import json
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.spatial.transform import Rotation
+
+from palpate.messages.tissue import Support
+from palpate.nodes.contact.between import Between
+from palpate.physics.contact.organs.candidates import candidates
+from palpate.physics.contact.organs.surface_cells import surface_cells
+from palpate.physics.geometry.mesh import plane
+
+GAP, CLOSING, RADIUS = 1e-3, 2.5e-3, 21e-3
+FAR, UP = 2 * RADIUS + GAP, np.array([0.0, 0.0, 1.0])
+SETTINGS = {
+    "MassSpring": {"stiffness": 257.0, "exponent": 1.0, "damping": 0.0, "retardation": 5e-3},
+    "ReducedFE": {"young": 19e3, "model": "linear", "retardation": 5e-3, "organ_loads": 1},
+}
+
+
+def contact(kind, place, turns, vertices=(2600, 2000), exchanged=False, **settings):
+    """The contact of a ball at a place [m] (3) with one at the origin; turns [rad] (2,3) of both."""
+    bodies = []
+    for at, turn, count in zip((place, (0.0, 0.0, 0.0)), turns, vertices, strict=True):
+        surface = {"surface": "sphere", "vertices": count, "position": tuple(map(float, at)),
+                   "rotation": tuple(map(float, turn))}  # fmt: skip
+        bodies.append({"use": kind, "settings": SETTINGS[kind] | surface, "surface": surface})
+    made = Between(bodies=json.dumps(bodies[::-1] if exchanged else bodies), **settings)
+    made.start()
+    return made
+
+
+def course(made, path, exchanged=False):
+    """The messages for these displacements [m] and rotations [rad] (n,2,3) of the upper ball at 1 kHz."""
+    side, found = "second_support" if exchanged else "first_support", []
+    for at, turn in path:
+        moved = Support(displacement=tuple(map(float, at)), velocity=(0.0, 0.0, 0.0), rotation=np.array(turn),
+                        spin=np.zeros(3), centre=FAR * UP)  # fmt: skip
+        found.append(made.step([], [], **{side: [moved]}, dt=1e-3))
+    return found
+
+
+def roll(way, heading, speed=30e-3):
+    """Displacements and rotations (n,2,3) that press the ball and roll it by `way` [m]; place [m] (3) without the
+    press, direction [1] (3) and rotation [rad] (3) at the end. heading [rad]"""
+    along, axis = np.array([np.cos(heading), np.sin(heading), 0.0]), np.array([-np.sin(heading), np.cos(heading), 0.0])
+    path = [(-CLOSING * share * UP, 0.0 * UP) for share in np.linspace(0.0, 1.0, 300)]
+    for angle in np.linspace(0.0, way / RADIUS, max(int(way / speed * 1e3), 2)):
+        out = np.sin(angle) * along + np.cos(angle) * UP
+        path.append(((FAR - CLOSING) * out - FAR * UP, 2.0 * angle * axis))
+    return path, FAR * out, out, 2.0 * angle * axis
+
+
+def together(turn, first):
+    return (Rotation.from_rotvec(turn) * Rotation.from_rotvec(first)).as_rotvec()
+
+
+CASES = [
+    ("MassSpring", 15e-3, 0.0, ((0, 0, 0), (0, 0, 0)), (2600, 2000)),
+    ("MassSpring", 30e-3, 2.0, ((0.5, -0.3, 1.0), (1.0, 0.4, 0.0)), (2000, 2600)),
+    ("ReducedFE", 15e-3, -1.0, ((1.5, 0.2, 0.0), (0.0, 1.0, 0.3)), (2600, 2000)),
+    ("ReducedFE", 30e-3, 0.7, ((0, 0, 0), (0, 0, 0)), (2000, 2600)),
+]
+
+
+@pytest.mark.parametrize("kind, way, heading, turns, vertices", CASES)
+def test_organs_that_roll_have_the_contact_of_organs_set_up_there(kind, way, heading, turns, vertices):
+    """With the cells of the start the force was 0.00 to 0.13 of the right one."""
+    path, place, out, turn = roll(way, heading)
+    made = contact(kind, FAR * UP, turns, vertices)
+    found = course(made, [*path, *[path[-1]] * 200])
+    there = contact(kind, place, (together(turn, turns[0]), turns[1]), vertices)
+    down = [(-CLOSING * share * out, 0.0 * UP) for share in [*np.linspace(0.0, 1.0, 300), *[1.0] * 200]]
+    end, right = found[-1], course(there, down)[-1]
+    assert end.force == approx(right.force, rel=0.015) and end.area == approx(right.area, rel=0.02)
+    np.testing.assert_allclose(end.resultant, right.resultant, atol=0.015 * right.force)
+    force = np.array([each.force for each in found])
+    assert np.abs(np.diff(force[300:])).max() < np.abs(np.diff(force[:300])).max()
+    assert end.generated < 1e-12 and min(each.gap for each in found) > -1e-9
+    assert not any("end of the region" in each for each in made.notes())
+    assert (made._held["track.cell"] >= len(made._held["track.cell"])).sum() > 20
+
+
+def test_a_roll_there_and_back_returns_to_the_same_contact():
+    path, *_ = roll(12e-3, 0.4)
+    made = contact("MassSpring", FAR * UP, np.zeros((2, 3)))
+    found = course(made, [*path[:300], *[path[299]] * 100, *path[300:], *path[:299:-1], *[path[300]] * 200])
+    assert found[-1].force == approx(found[399].force, rel=0.01) and found[-1].area == approx(found[399].area, rel=0.02)
+    assert made._held["track.cell"].tolist() != list(range(len(made._held["track.cell"])))
+
+
+@pytest.mark.parametrize("kind", ["MassSpring", "ReducedFE"])
+def test_compliances_after_a_roll_are_those_of_candidates_in_these_cells(kind):
+    """All computed again from the shares of the same cells, of which each was computed in some step of the roll."""
+    path, *_ = roll(10e-3, 0.3)
+    made = contact(kind, FAR * UP, np.zeros((2, 3)), friction=0.3)
+    course(made, [*path, *[path[-1]] * 300])
+    held = made._held
+    names = ["pair.first", "pair.second", "one.response", "two.response", "one.aside", "two.aside", "rub.first",
+             "rub.second"]  # fmt: skip
+    kept = {name: held[name].copy() for name in names}
+    for cell in range(len(held["pair.gap"])):
+        made.own["still"][:], held["track.late"][:], held["track.late"][cell] = 1.0, 0.0, 1e3
+        course(made, [path[-1]])
+    for name, right in kept.items():
+        np.testing.assert_allclose(held[name], right, atol=0.02 * np.abs(right).max(), err_msg=name)
+
+
+def test_exchanged_organs_that_roll_have_the_same_bits():
+    path, *_ = roll(8e-3, 0.0)
+    one, other = (
+        course(contact("MassSpring", FAR * UP, np.zeros((2, 3)), exchanged=exchanged, friction=0.3), path, exchanged)
+        for exchanged in (False, True)
+    )
+    assert [each.force for each in one] == [each.force for each in other]
+    assert [each.area for each in one] == [each.area for each in other]
+
+
+def test_a_press_moves_no_candidate_to_another_cell():
+    path, *_ = roll(1e-3, 0.0)
+    made = contact("MassSpring", FAR * UP, np.zeros((2, 3)))
+    course(made, [*path[:300], *[path[299]] * 50])
+    assert made._held["track.cell"].tolist() == list(range(len(made._held["track.cell"])))
+
+
+def test_fine_cells_cover_the_surface_once_and_know_their_neighbours():
+    one, other = plane(40e-3, 900), plane(40e-3, 400)
+    bowl = type(one)(one.vertices + np.outer(1e-3 + 20.0 * (one.vertices[:, :2] ** 2).sum(axis=1), UP),
+                     one.triangles[:, ::-1].copy())  # fmt: skip
+    found = candidates(bowl, other, 6e-3, 60)
+    assert not found.swapped and len(found.gap) <= 60
+    cells, count = surface_cells(bowl, found), len(found.gap)
+    owner = np.repeat(np.arange(len(cells.area)), np.diff(cells.begins))
+    leaves = cells.child[owner] < 0
+    assert sorted(cells.vertices[leaves]) == np.flatnonzero(bowl.areas > 0.0).tolist()
+    assert cells.area[cells.child < 0].sum() == approx(bowl.areas.sum(), rel=1e-12)
+    for parent in np.flatnonzero(cells.child >= 0):
+        parts = np.flatnonzero(cells.parent == parent)
+        assert parts[0] == cells.child[parent] and len(parts) > 1
+        inside = np.isin(owner, parts)
+        assert sorted(cells.vertices[inside]) == sorted(cells.vertices[owner == parent])
+        assert cells.area[parts].sum() == approx(cells.area[parent], rel=1e-12)
+    assert (cells.child >= 0).sum() > 5 and (cells.parent[:count] < 0).all()
+    ends = np.repeat(np.arange(len(cells.area)), np.diff(cells.near_at))
+    pairs = set(zip(ends.tolist(), cells.near.tolist(), strict=True))
+    assert pairs == {(b, a) for a, b in pairs} and all(a != b for a, b in pairs)
+    assert not any(cells.parent[a] == b for a, b in pairs)
+    first = {(a, b) for a, b in pairs if a < b < count}
+    assert first == set(map(tuple, found.borders.cells.tolist()))
