@@ -34,15 +34,13 @@ def follow(own, pair, rub, one, two):
     track = track_of(own.track)
     if len(track.cell) == 0:
         return -1
-    entered = own.fresh >= 0
-    if entered:
+    if own.fresh >= 0:
         settle(own, track, pair, rub)
     elif _rests(own):
         return -1
     behind, due = _follow_gaps(own, track, pair, one, two), _most_due(track, pair)
-    # not twice in a row while compliances are due, so that these are not late for ever
-    found = -1 if entered and due >= 0 else reassign(own, track, pair, rub, one, two)
-    if found >= 0:
+    found = reassign(own, track, pair, rub, one, two)
+    if found >= 0:  # missing force is worse than compliances that are late
         return found
     if due >= 0:
         renew_compliance(own, track, pair, rub, one, two, due)

@@ -133,7 +133,7 @@ def cells(mesh: Mesh, other: Mesh, near: Near, most: int, walls: np.ndarray | No
         spacing = 0.5 * float(np.sqrt(areas.min()))
         if walls is not None:  # with less there are more than `most` on flat walls, at triangles of any size
             spacing = max(spacing, float(np.sqrt(areas.sum() / (np.pi * most))) / GRADED)
-        while len(centres := centres_of(points, order, spacing * grown)) > most:
+        while len(centres := _centres(points, order, spacing * grown)) > most:
             spacing *= WIDER
     count = len(centres)
     cell = nearest(tree_of(points[centres]), points)[1][:, 0] if count else np.zeros(0, np.int64)
@@ -152,7 +152,7 @@ def cells(mesh: Mesh, other: Mesh, near: Near, most: int, walls: np.ndarray | No
     return Candidates(gap, normal, area, own, across, met, spacing, False, near.deepest)
 
 
-def centres_of(points: np.ndarray, order: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+def _centres(points: np.ndarray, order: np.ndarray, spacing: np.ndarray) -> np.ndarray:
     """Indices of points chosen in this order, each without others nearer than its spacing [m] (n)."""
     free, chosen = np.ones(len(points), bool), []
     for k in order:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.physics.contact.organs.borders import Borders, borders
-from palpate.physics.contact.organs.candidates import Candidates, centres_of, shares_of
+from palpate.physics.contact.organs.candidates import Candidates, shares_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.nearest import nearest, tree_of
 
@@ -56,7 +56,7 @@ def surface_cells(mesh: Mesh, found: Candidates) -> SurfaceCells:
     spacing = float(np.sqrt(fine_area / SCATTER))
     # parents 1 m apart
     points = np.concatenate([mesh.vertices[fine], spacing * mesh.normals[fine], first[fine, None]], axis=1)
-    centres = centres_of(points, np.arange(len(fine)), np.full(len(fine), spacing))
+    centres = _centres(points, spacing)
     part = nearest(tree_of(points[centres]), points)[1][:, 0] if len(centres) else np.zeros(0, np.int64)
     parent = first[fine[centres]]
     # parents with one part are not divided
@@ -78,6 +78,18 @@ def surface_cells(mesh: Mesh, found: Candidates) -> SurfaceCells:
         _begins(sizes), np.concatenate([own.vertices, rest.vertices]), np.concatenate([own.weights, rest.weights]),
         place, area, parent, child, near_at, near, strips,
     )  # fmt: skip
+
+
+def _centres(points: np.ndarray, spacing: float) -> np.ndarray:
+    """Indices of points (n,d) in this order, each without others chosen before it within the spacing."""
+    free, chosen = np.ones(len(points), bool), []
+    around = tree_of(points).query_ball_point(points, 1.001 * spacing) if len(points) else []
+    for k, near in enumerate(around):
+        if free[k]:
+            chosen.append(k)
+            near = np.array(near)  # the last bit of scipy's distances depends on the processor
+            free[near[np.sum(np.square(points[near] - points[k]), axis=1) < spacing * spacing]] = False
+    return np.array(chosen, np.int64)
 
 
 def _neighbours(
