@@ -4,9 +4,16 @@ import numpy as np
 
 from palpate.compiler.records import floats, put
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.nodes.contact.placed import apart, place_cell, renew_compliance, search_cell, track_of
+from palpate.nodes.contact.placed import (
+    apart,
+    place_cell,
+    relate,
+    renew_compliance,
+    search_cell,
+    track_of,
+    turn_by,
+)
 from palpate.nodes.contact.reassigned import reassign, settle
-from palpate.physics.contact.organs import rigid_motion as rigid
 from palpate.physics.contact.organs.between import take
 from palpate.physics.contact.organs.between_rows import vector3
 from palpate.physics.contact.organs.following import (
@@ -38,6 +45,7 @@ def follow(own, pair, rub, one, two):
         settle(own, track, pair, rub)
     elif _rests(own):
         return -1
+    relate(own, track)
     behind, due = _follow_gaps(own, track, pair, one, two), _most_due(track, pair)
     found = reassign(own, track, pair, rub, one, two)
     if found >= 0:  # missing force is worse than compliances that are late
@@ -54,18 +62,17 @@ def follow(own, pair, rub, one, two):
 @kernel
 def _follow_gaps(own, track, pair, one, two):
     """Find the next candidates that have slid. Returns whether more are due."""
-    count, left, behind = len(track.cell), VERTICES, _ease(own, track, pair)
-    for k in range(count):
-        i = (own.turn + k) % count
-        if not _slides(own, track, one.place, two.place, i, max(pair.opening[i], 0.0)):
-            continue
-        own.looked = 0
-        if left <= 0:
-            own.turn = i
-            return True
-        cell = track.cell[i]
-        place_cell(own, track, pair, one, two, i, search_cell(own, track, cell))
-        left -= track.begins[cell + 1] - track.begins[cell]
+    count, left, behind, i = len(track.cell), VERTICES, _ease(own, track, pair), own.turn
+    for _ in range(count):
+        if _slides(own, track, pair, one, two, i):
+            own.looked = 0
+            if left <= 0:
+                own.turn = i
+                return True
+            cell = track.cell[i]
+            place_cell(own, track, pair, one, two, i, search_cell(own, track, cell))
+            left -= track.begins[cell + 1] - track.begins[cell]
+        i = i + 1 if i + 1 < count else 0
     return behind
 
 
@@ -150,11 +157,15 @@ def _keep_still(own):
 
 
 @kernel
-def _slides(own, track, first, second, i, opening):
-    """Whether candidate i slid too far since it was computed; opening [m] >= 0."""
-    d, base = apart(own, track, first, second, i), track.base[i]
-    n = vector3(floats(own.opposite) if track.fine == 0 else floats(own.normals), i)
-    if own.rides and _tilted(own, i):
+def _slides(own, track, pair, one, two, i):
+    """Whether candidate i slid too far since it was computed, or an organ turned by too much."""
+    fine, opening = track.fine == 0, max(pair.opening[i], 0.0)
+    x, y = (one.place, two.place) if fine else (two.place, one.place)
+    m, n = vector3(floats(own.normals), i), vector3(floats(own.opposite), i)
+    if not fine:
+        m, n = n, m
+    d, t, base = apart(own.relative, vector3(x, i), vector3(y, i)), turn_by(own.relative, m), track.base[i]
+    if (t[0] - n[0]) ** 2 + (t[1] - n[1]) ** 2 + (t[2] - n[2]) ** 2 > TILTED * TILTED:
         return True
     along, slid = _parts(d, n, base)
     most, closed = FINEST + COARSER * opening, STEEP * abs(along) if opening < NEAR else 0.0
@@ -164,14 +175,6 @@ def _slides(own, track, first, second, i, opening):
         put(base, d)
         track.approached[i] += slid
     return False
-
-
-@kernel
-def _tilted(own, i):
-    """Whether the directions of candidate i on both organs differ by more than `TILTED`, after a rotation."""
-    n, m = rigid.rotated(own.ride[0], vector3(floats(own.normals), i)), vector3(floats(own.opposite), i)
-    m = rigid.rotated(own.ride[1], m)
-    return (n[0] - m[0]) ** 2 + (n[1] - m[1]) ** 2 + (n[2] - m[2]) ** 2 > TILTED * TILTED
 
 
 @kernel

@@ -8,46 +8,58 @@ from palpate.physics.bodies.true_patch import sideways
 from palpate.physics.contact.organs import rigid_motion as rigid
 from palpate.physics.contact.organs.between_rows import Law, clear_row, renew_row, vector3
 from palpate.physics.contact.organs.candidates import FACING
-from palpate.physics.contact.organs.following import MOVED, TURNED, Track
-from palpate.physics.geometry.mesh_closest import track_mesh
+from palpate.physics.contact.organs.following import MOVED, SEARCHED, TURNED, Track
+from palpate.physics.geometry.mesh_closest import descend_mesh, track_mesh
 
 track_of, law_of = unpacking(Track), unpacking(Law)
 
 
 @kernel
-def _in_world(ride, x):
-    """Place [m] (3) of a point of an organ."""
-    c = ride.centre
-    arm = rigid.rotated(ride, (x[0] - c[0], x[1] - c[1], x[2] - c[2]))
-    return c[0] + ride.at[0] + arm[0], c[1] + ride.at[1] + arm[1], c[2] + ride.at[2] + arm[2]
-
-
-@kernel
-def _on_organ(ride, x):
-    """The point [m] (3) of an organ that is at a place."""
-    c = ride.centre
-    leg = rigid.rotated_back(ride, (x[0] - c[0] - ride.at[0], x[1] - c[1] - ride.at[1], x[2] - c[2] - ride.at[2]))
-    return c[0] + leg[0], c[1] + leg[1], c[2] + leg[2]
-
-
-@kernel
-def apart(own, track, first, second, i):
-    """Distance [m] (3) of the centre of candidate i on the organ on which it stays from that on the other organ, in the
-    axes of the other one, so that exchanged organs have the same bits; first, second [m] (m,3)  the centres."""
-    fine = track.fine == 0
-    return between_points(own, track, vector3(first if fine else second, i), vector3(second if fine else first, i))
-
-
-@kernel
-def between_points(own, track, x, y):
-    """The same for points [m] (3) of the organ on which the candidates stay, and of the other one."""
-    fine = track.fine == 0
+def relate(own, track):
+    """Fill `own.relative` (3,4), M and d [m]: a point x [m] (3) of the organ on which the candidates stay is at M x + d
+    of the other one. In the axes of that, so that exchanged organs have the same bits."""
+    fine, out = track.fine == 0, own.relative
     if not own.rides:
-        sign, a = 1.0 if fine else -1.0, own.apart
-        return x[0] - y[0] + sign * a[0], x[1] - y[1] + sign * a[1], x[2] - y[2] + sign * a[2]
-    other = own.ride[1 if fine else 0]
-    a, b = _in_world(own.ride[0 if fine else 1], x), _in_world(other, y)
-    return rigid.rotated_back(other, (a[0] - b[0], a[1] - b[1], a[2] - b[2]))
+        for x in range(3):
+            for y in range(3):
+                out[x, y] = 1.0 if x == y else 0.0
+            out[x, 3] = own.apart[x] if fine else -own.apart[x]
+        return
+    one, two = own.ride[0 if fine else 1], own.ride[1 if fine else 0]
+    c, e = one.centre, two.centre
+    for y in range(3):
+        column = rigid.rotated_back(two, (one.matrix[0, y], one.matrix[1, y], one.matrix[2, y]))
+        for x in range(3):
+            out[x, y] = column[x]
+    to = rigid.rotated_back(two, (c[0] + one.at[0] - e[0] - two.at[0], c[1] + one.at[1] - e[1] - two.at[1],
+                                  c[2] + one.at[2] - e[2] - two.at[2]))  # fmt: skip
+    turned = turn_by(out, (c[0], c[1], c[2]))
+    for x in range(3):
+        out[x, 3] = e[x] + to[x] - turned[x]
+
+
+@kernel
+def turn_by(relative, n):
+    """M n: a direction (3) in the axes of the other organ."""
+    return (
+        relative[0, 0] * n[0] + relative[0, 1] * n[1] + relative[0, 2] * n[2],
+        relative[1, 0] * n[0] + relative[1, 1] * n[1] + relative[1, 2] * n[2],
+        relative[2, 0] * n[0] + relative[2, 1] * n[1] + relative[2, 2] * n[2],
+    )
+
+
+@kernel
+def move_by(relative, x):
+    """M x + d: a point [m] (3)."""
+    y = turn_by(relative, x)
+    return y[0] + relative[0, 3], y[1] + relative[1, 3], y[2] + relative[2, 3]
+
+
+@kernel
+def apart(relative, x, y):
+    """Distance [m] (3) of a point x [m] (3) of the organ on which the candidates stay from a point y of the other."""
+    z = move_by(relative, x)
+    return z[0] - y[0], z[1] - y[1], z[2] - y[2]
 
 
 @ieee_kernel
@@ -56,21 +68,12 @@ def search_cell(own, track, cell):
     that; its triangles `track.last` are those of the last search near it."""
     fine = track.fine == 0
     points, foot = floats(own.first_points) if fine else floats(own.second_points), track.foot[0]
-    material, other = own.ride[0 if fine else 1], own.ride[1 if fine else 0]
-    sign, away, facing = 1.0 if fine else -1.0, 0.0, 0.0
+    away, facing = 0.0, 0.0
     n0 = n1 = n2 = f0 = f1 = f2 = 0.0
     for at in range(track.begins[cell], track.begins[cell + 1]):
-        x, m = vector3(points, track.vertices[at]), vector3(track.facing, at)
-        if own.rides:
-            x = _on_organ(other, _in_world(material, x))
-            m = rigid.rotated_back(other, rigid.rotated(material, m))
-        else:
-            x = (x[0] + sign * own.apart[0], x[1] + sign * own.apart[1], x[2] + sign * own.apart[2])
-        track.tracked[0].exists, track.tracked[0].triangle = True, track.last[at]
-        track_mesh(
-            track.points, track.cells, track.discs, track.star_at, track.star, x[0], x[1], x[2], 0.0,
-            track.tracked[0], track.work, foot,
-        )  # fmt: skip
+        x = move_by(own.relative, vector3(points, track.vertices[at]))
+        m = turn_by(own.relative, vector3(track.facing, at))
+        _find_foot(track, x, at)
         track.last[at], w = track.tracked[0].triangle, track.weights[at]
         track.places[at, 0], track.places[at, 1] = foot.place[0], foot.place[1]
         n, f = foot.normal, foot.point
@@ -81,6 +84,25 @@ def search_cell(own, track, cell):
     if facing > FACING:  # the edge of an organ
         away = max(away, own.reach)
     return away, (n0, n1, n2), (f0, f1, f2)
+
+
+@kernel
+def _find_foot(track, x, at):
+    """Fill `track.foot` and `track.tracked` for a vertex at x [m] (3) of the other organ."""
+    tracked, foot, before = track.tracked[0], track.foot[0], track.searched[at]
+    way = (x[0] - before[0]) ** 2 + (x[1] - before[1]) ** 2 + (x[2] - before[2]) ** 2
+    tracked.triangle = track.last[at]
+    if way < before[3] * before[3] and descend_mesh(
+        track.points, track.cells, track.star_at, track.star, x[0], x[1], x[2], tracked, foot
+    ):
+        return
+    tracked.exists, tracked.triangle = True, track.last[at]
+    track_mesh(
+        track.points, track.cells, track.discs, track.star_at, track.star, x[0], x[1], x[2], 0.0, tracked, track.work,
+        foot,
+    )  # fmt: skip
+    put(before[:3], x)
+    before[3] = max(0.5 * abs(foot.distance), SEARCHED)
 
 
 @kernel
@@ -131,7 +153,8 @@ def _set_gap(own, track, pair, one, two, i, away):
         before[i] = n[0] * (x[0] - y[0]) + n[1] * (x[1] - y[1]) + n[2] * (x[2] - y[2])
     pair.gap[i] = now
     track.jumps[i] += jump
-    d = apart(own, track, one.place, two.place, i)
+    x, y = (one.place, two.place) if track.fine == 0 else (two.place, one.place)
+    d = apart(own.relative, vector3(x, i), vector3(y, i))
     put(track.base[i], d)
     put(track.origin[i], d)
     track.approached[i] = 0.0

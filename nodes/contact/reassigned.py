@@ -4,7 +4,7 @@
 from palpate.compiler.records import floats, longs, put
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.contact.placed import (
-    between_points,
+    apart,
     clear_compliance,
     place_cell,
     renew_compliance,
@@ -21,25 +21,40 @@ def reassign(own, track, pair, rub, one, two):
     """Move a candidate from a coarse cell to a fine part of it, or a free one to a cell next to another one, if it is
     nearer to the other organ there; of the next ones in turn. Returns the candidate, -1: none; its compliances were
     computed, and `settle` is due in the next step."""
-    i, least = _farthest(pair, track)
+    i, least = _farthest(pair, track.pending)
     most, cell, beside, divides = BETTER * pair.gap[i] if i >= 0 else 0.0, -1, -1, False
-    for _ in range(min(SCANNED, len(track.cell))):
+    fine, count = track.fine == 0, len(track.cell)
+    feet, normals = two.place if fine else one.place, floats(own.opposite) if fine else floats(own.normals)
+    for _ in range(min(SCANNED, count)):
         k = own.outer
-        own.outer = k + 1 if k + 1 < len(track.cell) else 0
+        own.outer = k + 1 if k + 1 < count else 0
         own.looked += 1
-        if _is_coarse(track, pair, k, least):
-            i, cell, beside, divides = k, track.child[track.cell[k]], k, True
+        at = track.cell[k]
+        if (
+            track.child[at] >= 0
+            and pair.gap[k] - least < NEARER * track.beyond[at]
+            and _is_free(pair, track.pending, k)
+        ):
+            i, cell, beside, divides = k, track.child[at], k, True
             break
-        if track.rim[k] and i >= 0:
-            near, gap = _nearest(own, track, one, two, k, most)
-            if near >= 0:
+        if track.rim[k] == 0 or i < 0:
+            continue
+        n, f = vector3(normals, k), vector3(feet, k)
+        for e in range(track.near_at[at], track.near_at[at + 1]):
+            near = track.near[e]
+            if not _is_open(track.slot, track.child, track.parent, near):
+                continue
+            # gap if the other organ were flat
+            d = apart(own.relative, vector3(track.place, near), f)
+            gap = (1.0 if fine else -1.0) * (n[0] * d[0] + n[1] * d[1] + n[2] * d[2])
+            if gap < most:
                 cell, beside, most = near, k, gap
     if cell < 0:
         return -1
-    # the search begins at the triangle of the neighbour
+    # search all of the other surface, from the triangle of the neighbour on
     triangle = track.last[track.begins[track.cell[beside]]]
     for at in range(track.begins[cell], track.begins[cell + 1]):
-        track.last[at] = triangle
+        track.last[at], track.searched[at, 3] = triangle, 0.0
     found = search_cell(own, track, cell)
     if not (divides or found[0] < BETTER * pair.gap[i]):
         return -1
@@ -56,59 +71,26 @@ def reassign(own, track, pair, rub, one, two):
 
 
 @kernel
-def _farthest(pair, track):
-    """The free candidate with the largest gap of the undeformed organs, that does not touch soon, -1: none; the
-    smallest gap [m]."""
+def _farthest(pair, pending):
+    """The free candidate with the largest gap of the undeformed organs, -1: none; the smallest gap [m]."""
     found, most, least = -1, 0.0, pair.gap[0]
-    for i in range(len(track.cell)):
+    for i in range(len(pending)):
         least = min(least, pair.gap[i])
-        if pair.gap[i] > most and _is_free(track, pair, i):
+        if pair.gap[i] > most and _is_free(pair, pending, i):
             found, most = i, pair.gap[i]
     return found, least
 
 
 @kernel
-def _is_free(track, pair, i):
+def _is_free(pair, pending, i):
     """Whether a candidate may move: it does not touch, also not soon."""
-    return pair.active.place[i] < 0 and pair.opening[i] > CLOSE and track.pending[i] == 0.0
+    return pair.active.place[i] < 0 and pair.opening[i] > CLOSE and pending[i] == 0.0
 
 
 @kernel
-def _is_coarse(track, pair, i, least):
-    """Whether candidate i leaves its cell for a part of it; least [m]: the smallest gap."""
-    cell = track.cell[i]
-    if track.child[cell] < 0 or not pair.gap[i] - least < NEARER * track.beyond[cell]:
-        return False
-    return _is_free(track, pair, i)
-
-
-@kernel
-def _is_open(track, cell):
+def _is_open(slot, child, parent, cell):
     """Whether a candidate may move to a cell: to one without parts, where there is none yet."""
-    parent = track.parent[cell]
-    return track.slot[cell] < 0 and track.child[cell] < 0 and (parent < 0 or track.slot[parent] < 0)
-
-
-@kernel
-def _nearest(own, track, one, two, i, most):
-    """The cell next to candidate i with the smallest gap, in the plane of the candidate, and this [m]; -1: none is
-    below `most` [m]."""
-    found = -1
-    for k in range(track.near_at[track.cell[i]], track.near_at[track.cell[i] + 1]):
-        if _is_open(track, track.near[k]):
-            gap = _gap_next(own, track, one, two, i, track.near[k])
-            if gap < most:
-                found, most = track.near[k], gap
-    return found, most
-
-
-@kernel
-def _gap_next(own, track, one, two, i, cell):
-    """Gap [m] of a cell next to candidate i if the other organ were flat."""
-    fine = track.fine == 0
-    n, sign = vector3(floats(own.opposite) if fine else floats(own.normals), i), 1.0 if fine else -1.0
-    d = between_points(own, track, vector3(track.place, cell), vector3(two.place if fine else one.place, i))
-    return sign * (n[0] * d[0] + n[1] * d[1] + n[2] * d[2])
+    return slot[cell] < 0 and child[cell] < 0 and (parent[cell] < 0 or slot[parent[cell]] < 0)
 
 
 @kernel
@@ -126,7 +108,7 @@ def _enter(own, track, side, i, cell):
         track.rim[a] = 0
         for k in range(track.near_at[track.cell[a]], track.near_at[track.cell[a] + 1]):
             b = track.slot[track.near[k]]
-            if _is_open(track, track.near[k]):
+            if _is_open(track.slot, track.child, track.parent, track.near[k]):
                 track.rim[a] = 1
             if b > a:
                 met[count, 0], met[count, 1], strips[count] = a, b, track.strips[k]

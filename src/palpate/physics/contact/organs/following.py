@@ -7,6 +7,10 @@ error of s²/2 times the relative curvature for a slide s. So a cell is due when
 that are due, of together `VERTICES` vertices. So organs that approach each other from there on keep their cells. A cell
 is also due when one organ has turned against the other by `TILTED`.
 
+The nearest point of a vertex is found by descent from the last one. All of the other surface is searched after the
+vertex moved there by half its distance d at the last search, and at least `SEARCHED`: another part of the surface is
+still d/2 away then, so that it does not touch.
+
 The compliances of a cell are due when its centre has moved by `MOVED` on the other surface, or its normal turned by
 `TURNED` on one of them, of a cell that is open by more than `CLOSE` by `FAR` times that: in each step those of the
 one that is due most (`between_rows`), so that cells next to each other are behind by about the same.
@@ -39,6 +43,7 @@ FINEST, COARSER = 5e-5, 0.2  # [m], [1] slide after which gap and normal of a ce
 NEAR, STEEP = 2e-3, 0.5  # [m]; [1] slide over approach of cells that close: less than 27 degrees
 TILTED = 0.02  # [rad]
 EASE, LEAST = 0.1, 1e-8  # [1]; [m] below which a change is taken at once
+SEARCHED = 5e-4  # [m]
 VERTICES = 16  # of the cells that are computed again in a step
 MOVED, TURNED = 1e-4, 0.005  # [m], [rad] after which the compliances of a cell are computed again
 CLOSE, FAR = 1e-3, 5.0  # [m], [1] by how much later those of cells are that are farther apart
@@ -58,6 +63,7 @@ class Track(NamedTuple):
     facing [1] (k,3)   normals of the vertices
     last (k)           triangle of the other surface with the foot of each vertex, in the order of its tables
     places [1] (k,2)   weights of its second and third corner
+    searched [m] (k,4) place of each vertex on the other organ at its last search, and the way to the next one
     base, origin [m] (m,3)  from the centre on the other surface to that on the cell's: at the last approach, and
                        when it was computed;  approached [m] (m)  slide in approaches since then
     jumps [m] (m)      change of the gaps without a motion in this step
@@ -85,6 +91,7 @@ class Track(NamedTuple):
     facing: Annotated[np.ndarray, "<f8", 2]
     last: Annotated[np.ndarray, "<i8", 1]
     places: Annotated[np.ndarray, "<f8", 2]
+    searched: Annotated[np.ndarray, "<f8", 2]
     base: Annotated[np.ndarray, "<f8", 2]
     origin: Annotated[np.ndarray, "<f8", 2]
     approached: Annotated[np.ndarray, "<f8", 1]
@@ -109,10 +116,13 @@ def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
     search, surface = MeshClosestPoint(other), surface_cells(mesh, found)
     tables, size = search.tables, len(surface.vertices)
     used = surface.begins[count]
-    triangles = search.find(mesh.vertices[surface.vertices[:used]])[2]
+    _, _, triangles, distances = search.find(mesh.vertices[surface.vertices[:used]])
     at, last = np.zeros(len(other.triangles), np.int64), np.zeros(size, np.int64)
     at[tables.cells["origin"]] = np.arange(len(tables.cells))
     last[:used] = at[triangles]
+    searched = np.zeros((size, 4))
+    searched[:used, :3] = mesh.vertices[surface.vertices[:used]]
+    searched[:used, 3] = np.maximum(0.5 * np.abs(distances), SEARCHED)
     base = (-1.0 if found.swapped else 1.0) * (found.first.place - found.second.place)
     slot = np.full(len(surface.area), -1)
     slot[:count] = np.arange(count)
@@ -121,6 +131,6 @@ def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
     zero = [np.zeros(count) for _ in range(4)]
     return Track(
         int(found.swapped), *surface, found.gap - found.gap.min(), np.arange(count), slot,
-        np.ascontiguousarray(mesh.normals[surface.vertices]), last, np.zeros((size, 2)), base, base.copy(), *zero, rim,
-        *tables.arrays, np.zeros(1, TRACKED_TYPE), search.scratch()[1], np.zeros(1, FEET),
+        np.ascontiguousarray(mesh.normals[surface.vertices]), last, np.zeros((size, 2)), searched, base,
+        base.copy(), *zero, rim, *tables.arrays, np.zeros(1, TRACKED_TYPE), search.scratch()[1], np.zeros(1, FEET),
     )  # fmt: skip
