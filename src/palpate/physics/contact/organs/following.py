@@ -128,9 +128,10 @@ def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
     slot[:count] = np.arange(count)
     ends = (slot[surface.near] < 0) & (surface.parent[surface.near] < 0)
     rim = np.array([ends[surface.near_at[i] : surface.near_at[i + 1]].any() for i in range(count)], np.uint8)
-    zero = [np.zeros(count) for _ in range(4)]
+    approached, jumps, pending, late = (np.zeros(count) for _ in range(4))
     return Track(
         int(found.swapped), *surface, found.gap - found.gap.min(), np.arange(count), slot,
         np.ascontiguousarray(mesh.normals[surface.vertices]), last, np.zeros((size, 2)), searched, base,
-        base.copy(), *zero, rim, *tables.arrays, np.zeros(1, TRACKED_TYPE), search.scratch()[1], np.zeros(1, FEET),
+        base.copy(), approached, jumps, pending, late, rim, *tables.arrays, np.zeros(1, TRACKED_TYPE),
+        search.scratch()[1], np.zeros(1, FEET),
     )  # fmt: skip
