@@ -3,7 +3,9 @@
 The balls of 42 mm are pressed by 2.5 mm at 1 kHz, slide or roll at 30 mm/s, and rest. Force and area over those of the
 same organs set up at the end; the largest change of the force in a tick of the slide over that of the press at 8 mm/s;
 medians and 99th percentiles of the processor time of a tick of contact.Between in the slide, and at rest. On a roll by
-more than 5 mm the contact leaves the candidates of the default `reach`; the last rolls have a `reach` of 15 mm.
+more than 4 mm the contact leaves the cells of the start. The last rolls have another direction and balls that are
+turned at the start, or are faster: the force before the rest is that while it rolls. In rolls one ball has more
+vertices, so that the cells are those of the same ball at the end.
 """
 
 import argparse
@@ -12,6 +14,7 @@ import time
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from palpate.messages.contact import OrganContact
 from palpate.messages.tissue import Support
@@ -20,9 +23,13 @@ from palpate.nodes.contact.between import Between
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
 GAP, CLOSING, SPEED, RADIUS, BEGIN, VERTICES = 1e-3, 2.5e-3, 30e-3, 21e-3, -15e-3, 2000
-WIDE: dict[str, Any] = {"reach": 15e-3, "cells": 400}
 SLIDES = (1e-3, 5e-3, 15e-3, 30e-3)  # [m]
-ROLLS: list[tuple[float, dict[str, Any]]] = [(1e-3, {}), (3e-3, {}), (5e-3, {}), (8e-3, WIDE), (15e-3, WIDE)]  # [m]
+STRAIGHT, TURNED = (0.0, np.zeros((2, 3))), (2.0, np.array([[0.5, -0.3, 1.0], [1.0, 0.4, 0.0]]))
+"""Direction [rad], and rotations [rad] (2,3) of both balls at the start."""
+ROLLS = [(1e-3, STRAIGHT), (3e-3, STRAIGHT), (5e-3, STRAIGHT), (15e-3, STRAIGHT), (30e-3, STRAIGHT), (15e-3, TURNED),
+         (30e-3, TURNED)]  # fmt: skip
+FAST = (0.1, 0.2)  # [m/s]
+FINER = 2600  # vertices
 SETTINGS: dict[str, dict[str, Any]] = {
     "MassSpring": {"stiffness": 257.0, "exponent": 1.0, "damping": 0.0, "retardation": 10e-3},
     "ReducedFE": {"young": 19e3, "model": "linear", "retardation": 10e-3, "organ_loads": 1},
@@ -30,8 +37,10 @@ SETTINGS: dict[str, dict[str, Any]] = {
 Way = list[tuple[np.ndarray, np.ndarray]]  # displacement [m] (3), rotation [rad] (3)
 
 
-def body(kind: str, shape: str, place: np.ndarray, turn: np.ndarray | None = None) -> dict[str, Any]:
-    surface: dict[str, Any] = {"surface": shape, "vertices": VERTICES, "position": tuple(map(float, place))}
+def body(
+    kind: str, shape: str, place: np.ndarray, turn: np.ndarray | None = None, vertices: int = VERTICES
+) -> dict[str, Any]:
+    surface: dict[str, Any] = {"surface": shape, "vertices": vertices, "position": tuple(map(float, place))}
     if turn is not None:
         surface["rotation"] = tuple(map(float, turn))
     return {"use": kind, "settings": SETTINGS[kind] | surface, "surface": surface}
@@ -76,6 +85,7 @@ def report(name: str, kind: str, way: float, found: np.ndarray, right: np.ndarra
     slide, rest = 1e6 * spent[400:-400], 1e6 * spent[-300:]
     print(
         f"{kind} {name} {1e3 * way:g} mm: {force[-1]:.4f} N, {force[-1] / right[-1, 0]:.3f} of the right force, "
+        f"{force[-401] / right[-1, 0]:.3f} before the rest, "
         f"{found[-1, 1] / right[-1, 1]:.3f} of the area; change {change[400:].max() / change[:299].max():.2f} of the "
         f"press; {np.median(slide):.0f}, 99 %: {np.percentile(slide, 99):.0f} us, at rest {np.median(rest):.0f} us",
         flush=True,
@@ -97,20 +107,21 @@ def slide(kind: str, way: float) -> None:
     report("slide", kind, way, found, right, spent)
 
 
-def roll(kind: str, way: float, settings: dict[str, Any]) -> None:
+def roll(kind: str, way: float, heading: float, turns: np.ndarray, speed: float = SPEED) -> None:
     """A ball that rolls on a ball: the contact moves by the way on both."""
     far, up = 2.0 * RADIUS + GAP, np.array([0.0, 0.0, 1.0])
+    along, axis = np.array([np.cos(heading), np.sin(heading), 0.0]), np.array([-np.sin(heading), np.cos(heading), 0.0])
     path = pressing(up)
-    for angle in np.linspace(0.0, way / RADIUS, max(round(way / SPEED * 1e3), 2)):
-        out = np.array([np.sin(angle), 0.0, np.cos(angle)])
-        path.append(((far - CLOSING) * out - far * up, np.array([0.0, 2.0 * angle, 0.0])))
+    for angle in np.linspace(0.0, way / RADIUS, max(round(way / speed * 1e3), 2)):
+        out = np.sin(angle) * along + np.cos(angle) * up
+        path.append(((far - CLOSING) * out - far * up, 2.0 * angle * axis))
     path += [path[-1]] * 400
-    lower = body(kind, "sphere", np.zeros(3))
-    found, spent = run([body(kind, "sphere", far * up, np.zeros(3)), lower], path, True, **settings)
-    right, _ = run(
-        [body(kind, "sphere", far * out, np.array([0.0, 2.0 * angle, 0.0])), lower], pressing(out), **settings
-    )
-    report("roll", kind, way, found, right, spent)
+    end = (Rotation.from_rotvec(2.0 * angle * axis) * Rotation.from_rotvec(turns[0])).as_rotvec()
+    lower = body(kind, "sphere", np.zeros(3), turns[1])
+    found, spent = run([body(kind, "sphere", far * up, turns[0], FINER), lower], path, True)
+    right, _ = run([body(kind, "sphere", far * out, end, FINER), lower], pressing(out))
+    name = "roll of turned balls" if heading else "roll" if speed == SPEED else f"roll at {speed:g} m/s"
+    report(name, kind, way, found, right, spent)
 
 
 def main() -> None:
@@ -118,8 +129,10 @@ def main() -> None:
     for kind in SETTINGS:
         for way in SLIDES:
             slide(kind, way)
-        for way, settings in ROLLS:
-            roll(kind, way, settings)
+        for way, (heading, turns) in ROLLS:
+            roll(kind, way, heading, turns)
+        for speed in FAST:
+            roll(kind, 15e-3, *STRAIGHT, speed)
 
 
 if __name__ == "__main__":

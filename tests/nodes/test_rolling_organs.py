@@ -120,6 +120,17 @@ def test_exchanged_organs_that_roll_have_the_same_bits():
     assert [each.area for each in one] == [each.area for each in other]
 
 
+def test_a_roll_that_is_too_fast_lacks_force_with_a_note_and_recovers():
+    path, *_ = roll(15e-3, 0.0, speed=0.3)
+    made = contact("MassSpring", FAR * UP, np.zeros((2, 3)))
+    found = course(made, [*path, *[path[-1]] * 400])
+    slow, *_ = roll(15e-3, 0.0)
+    right = course(contact("MassSpring", FAR * UP, np.zeros((2, 3))), [*slow, *[slow[-1]] * 200])[-1]
+    assert found[len(path) - 1].force < 0.5 * right.force and found[-1].force == approx(right.force, rel=0.02)
+    assert any("end of the region" in each for each in made.notes())
+    assert found[-1].generated < 1e-12 and min(each.gap for each in found) > -1e-9
+
+
 def test_a_press_moves_no_candidate_to_another_cell():
     path, *_ = roll(1e-3, 0.0)
     made = contact("MassSpring", FAR * UP, np.zeros((2, 3)))

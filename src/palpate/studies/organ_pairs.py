@@ -131,12 +131,11 @@ def case(number: int, seed: int = 0) -> Case:
     )  # fmt: skip
 
 
-def motion(case: Case) -> np.ndarray:
-    """Share [1] of the way of both motions at each step: in, a hold, and out."""
-    steps = max(int(case.duration / DT), 3)
+def motion(case: Case, dt: float = DT) -> np.ndarray:
+    """Share [1] of the way of both motions at each step of dt [s]: in, a hold, and out."""
+    steps, rest = max(int(case.duration / dt), 3), round(0.02 / dt)
     way = 0.5 * (1.0 - np.cos(np.pi * np.arange(1, steps + 1) / steps))
-    hold = np.ones(20)
-    return np.concatenate([way, hold, way[::-1], np.zeros(20)])
+    return np.concatenate([way, np.ones(rest), way[::-1], np.zeros(rest)])
 
 
 def nodes_of(case: Case, exchanged: bool) -> tuple[Any, Any, Between, Side, Side, Kernel, Backed]:
@@ -163,13 +162,13 @@ def support_at(way: np.ndarray) -> list[Support]:
     return [Support(displacement=(x, y, z), velocity=(0.0, 0.0, 0.0))]
 
 
-def finger_at(case: Case, tick: int, approach: float) -> Proximity:
-    """The finger at its foot, into the undeformed body by `approach` [m]."""
+def finger_at(case: Case, tick: int, approach: float, dt: float = DT) -> Proximity:
+    """The finger at its foot in a step of dt [s], into the undeformed body by `approach` [m]."""
     (nx, ny, nz), (x, y, z) = case.normal.tolist(), case.foot.tolist()
     return Proximity(
         foot=(x, y, z), normal=(nx, ny, nz), coordinates=(0.0, 0.0), element=0, gap=-float(approach),
         approach=max(float(approach), 0.0), slip=(0.0, 0.0, 0.0), separation=max(-float(approach), 0.0), tick=tick,
-        time=round(tick * DT * 1e9),
+        time=round(tick * dt * 1e9),
     )  # fmt: skip
 
 
@@ -187,21 +186,21 @@ def forces_on_rigid(case: Case) -> np.ndarray:
     return np.array(forces)
 
 
-def run(case: Case, exchanged: bool = False) -> Course:
-    """Step the nodes in the order of a graph."""
+def run(case: Case, exchanged: bool = False, dt: float = DT) -> Course:
+    """Step the nodes in the order of a graph, by dt [s]."""
     upper, lower, between, above, below, spread, contact = nodes_of(case, exchanged)
     course, surface, felt = Course(), None, None
-    for tick, share in enumerate(motion(case)):
+    for tick, share in enumerate(motion(case, dt)):
         way = float(share) * np.array([*case.slide, case.closing])
         carried = {("first" if exchanged else "second") + "_support": support_at(way)}
-        touch = contact.step(finger_at(case, tick, case.depth * share - 1e-4), surface, [felt], dt=DT)
-        load = spread.step(touch, None, dt=DT)
+        touch = contact.step(finger_at(case, tick, case.depth * share - 1e-4, dt), surface, [felt], dt=dt)
+        load = spread.step(touch, None, dt=dt)
         course.contacts.append(touch)
         loads = ([], [load]) if exchanged else ([load], [])
-        organs = between.step(*loads, dt=DT, **carried)
-        (push, felt), (counter, _) = above.step(organs, dt=DT), below.step(organs, dt=DT)
-        surface = upper.step([load, push], dt=DT)
-        lower.step([counter], dt=DT)
+        organs = between.step(*loads, dt=dt, **carried)
+        (push, felt), (counter, _) = above.step(organs, dt=dt), below.step(organs, dt=dt)
+        surface = upper.step([load, push], dt=dt)
+        lower.step([counter], dt=dt)
         course.between.append(organs)
         course.excess.append(friction_excess(case, between))
     return course
