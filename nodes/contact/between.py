@@ -272,11 +272,11 @@ class Between(CompiledNode):
         "strays": (2,), "allowed": (2,),  # greatest slide and approach by the foundations [m], and those of the cells
         # Candidates that follow (`followed`): normals on the second organ, n.(x_1 - x_2) [m]; the next one; the largest
         # force [N] at the end of the region with candidates; of those that move to other cells (`reassigned`) the last
-        # one, -1: none, the next one whose neighbours are examined, and how many were; the
-        # place of one organ on the other.
+        # one, -1: none, the next one whose neighbours are examined, and how many were; place
+        # of one organ on the other.
         "track": form(following.Track), "first_law": form(Law), "second_law": form(Law), "opposite": TABLE,
         "before": ARRAY, "turn": int, "still": (2, 3), "still_turn": (2, 3), "tangents": TABLE, "ended": (),
-        "fresh": int, "outer": int, "looked": int, "relative": (3, 4),
+        "fresh": int, "outer": int, "looked": int, "relative": (3, 3), "offset": (3,),
         "floats": bool, "room": (), "losses": (),  # whether forces move an organ; [J] lost in the last step, and in all
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
         # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;

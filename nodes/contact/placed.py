@@ -16,14 +16,14 @@ track_of, law_of = unpacking(Track), unpacking(Law)
 
 @kernel
 def relate(own, track):
-    """Fill `own.relative` (3,4), M and d [m]: a point x [m] (3) of the organ on which the candidates stay is at M x + d
-    of the other one. In the axes of that, so that exchanged organs have the same bits."""
-    fine, out = track.fine == 0, own.relative
+    """Fill `own.relative` (3,3), M, and `own.offset` (3), d [m]: a point x [m] (3) of the organ on which the candidates
+    stay is at M x + d of the other one. In the axes of that, so that exchanged organs have the same bits."""
+    fine, out, offset = track.fine == 0, own.relative, own.offset
     if not own.rides:
         for x in range(3):
             for y in range(3):
                 out[x, y] = 1.0 if x == y else 0.0
-            out[x, 3] = own.apart[x] if fine else -own.apart[x]
+            offset[x] = own.apart[x] if fine else -own.apart[x]
         return
     one, two = own.ride[0 if fine else 1], own.ride[1 if fine else 0]
     c, e = one.centre, two.centre
@@ -35,7 +35,7 @@ def relate(own, track):
                                   c[2] + one.at[2] - e[2] - two.at[2]))  # fmt: skip
     turned = turn_by(out, (c[0], c[1], c[2]))
     for x in range(3):
-        out[x, 3] = e[x] + to[x] - turned[x]
+        offset[x] = e[x] + to[x] - turned[x]
 
 
 @kernel
@@ -49,16 +49,16 @@ def turn_by(relative, n):
 
 
 @kernel
-def move_by(relative, x):
+def move_by(relative, offset, x):
     """M x + d: a point [m] (3)."""
     y = turn_by(relative, x)
-    return y[0] + relative[0, 3], y[1] + relative[1, 3], y[2] + relative[2, 3]
+    return y[0] + offset[0], y[1] + offset[1], y[2] + offset[2]
 
 
 @kernel
-def apart(relative, x, y):
+def apart(relative, offset, x, y):
     """Distance [m] (3) of a point x [m] (3) of the organ on which the candidates stay from a point y of the other."""
-    z = move_by(relative, x)
+    z = move_by(relative, offset, x)
     return z[0] - y[0], z[1] - y[1], z[2] - y[2]
 
 
@@ -71,7 +71,7 @@ def search_cell(own, track, cell):
     away, facing = 0.0, 0.0
     n0 = n1 = n2 = f0 = f1 = f2 = 0.0
     for at in range(track.begins[cell], track.begins[cell + 1]):
-        x = move_by(own.relative, vector3(points, track.vertices[at]))
+        x = move_by(own.relative, own.offset, vector3(points, track.vertices[at]))
         m = turn_by(own.relative, vector3(track.facing, at))
         _find_foot(track, x, at)
         track.last[at], w = track.tracked[0].triangle, track.weights[at]
@@ -89,10 +89,10 @@ def search_cell(own, track, cell):
 @kernel
 def _find_foot(track, x, at):
     """Fill `track.foot` and `track.tracked` for a vertex at x [m] (3) of the other organ."""
-    tracked, foot, before = track.tracked[0], track.foot[0], track.searched[at]
-    way = (x[0] - before[0]) ** 2 + (x[1] - before[1]) ** 2 + (x[2] - before[2]) ** 2
+    tracked, foot, y = track.tracked[0], track.foot[0], vector3(track.searched, at)
+    square = (x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2
     tracked.triangle = track.last[at]
-    if way < before[3] * before[3] and descend_mesh(
+    if square < track.sure[at] * track.sure[at] and descend_mesh(
         track.points, track.cells, track.star_at, track.star, x[0], x[1], x[2], tracked, foot
     ):
         return
@@ -101,8 +101,8 @@ def _find_foot(track, x, at):
         track.points, track.cells, track.discs, track.star_at, track.star, x[0], x[1], x[2], 0.0, tracked, track.work,
         foot,
     )  # fmt: skip
-    put(before[:3], x)
-    before[3] = max(0.5 * abs(foot.distance), SEARCHED)
+    put(track.searched[at], x)
+    track.sure[at] = max(0.5 * abs(foot.distance), SEARCHED)
 
 
 @kernel
@@ -154,7 +154,7 @@ def _set_gap(own, track, pair, one, two, i, away):
     pair.gap[i] = now
     track.jumps[i] += jump
     x, y = (one.place, two.place) if track.fine == 0 else (two.place, one.place)
-    d = apart(own.relative, vector3(x, i), vector3(y, i))
+    d = apart(own.relative, own.offset, vector3(x, i), vector3(y, i))
     put(track.base[i], d)
     put(track.origin[i], d)
     track.approached[i] = 0.0

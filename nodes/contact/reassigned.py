@@ -45,7 +45,7 @@ def reassign(own, track, pair, rub, one, two):
             if not _is_open(track.slot, track.child, track.parent, near):
                 continue
             # gap if the other organ were flat
-            d = apart(own.relative, vector3(track.place, near), f)
+            d = apart(own.relative, own.offset, vector3(track.place, near), f)
             gap = (1.0 if fine else -1.0) * (n[0] * d[0] + n[1] * d[1] + n[2] * d[2])
             if gap < most:
                 cell, beside, most = near, k, gap
@@ -54,7 +54,7 @@ def reassign(own, track, pair, rub, one, two):
     # search all of the other surface, from the triangle of the neighbour on
     triangle = track.last[track.begins[track.cell[beside]]]
     for at in range(track.begins[cell], track.begins[cell + 1]):
-        track.last[at], track.searched[at, 3] = triangle, 0.0
+        track.last[at], track.sure[at] = triangle, 0.0
     found = search_cell(own, track, cell)
     if not (divides or found[0] < BETTER * pair.gap[i]):
         return -1
@@ -89,7 +89,7 @@ def _is_free(pair, pending, i):
 
 @kernel
 def _is_open(slot, child, parent, cell):
-    """Whether a candidate may move to a cell: to one without parts, where there is none yet."""
+    """Whether a candidate may move to a cell: to one without parts and without a candidate."""
     return slot[cell] < 0 and child[cell] < 0 and (parent[cell] < 0 or slot[parent[cell]] < 0)
 
 

@@ -63,7 +63,7 @@ class Track(NamedTuple):
     facing [1] (k,3)   normals of the vertices
     last (k)           triangle of the other surface with the foot of each vertex, in the order of its tables
     places [1] (k,2)   weights of its second and third corner
-    searched [m] (k,4) place of each vertex on the other organ at its last search, and the way to the next one
+    searched [m] (k,3) place of each vertex on the other organ at its last search;  sure [m] (k)  way to the next one
     base, origin [m] (m,3)  from the centre on the other surface to that on the cell's: at the last approach, and
                        when it was computed;  approached [m] (m)  slide in approaches since then
     jumps [m] (m)      change of the gaps without a motion in this step
@@ -92,6 +92,7 @@ class Track(NamedTuple):
     last: Annotated[np.ndarray, "<i8", 1]
     places: Annotated[np.ndarray, "<f8", 2]
     searched: Annotated[np.ndarray, "<f8", 2]
+    sure: Annotated[np.ndarray, "<f8", 1]
     base: Annotated[np.ndarray, "<f8", 2]
     origin: Annotated[np.ndarray, "<f8", 2]
     approached: Annotated[np.ndarray, "<f8", 1]
@@ -120,9 +121,9 @@ def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
     at, last = np.zeros(len(other.triangles), np.int64), np.zeros(size, np.int64)
     at[tables.cells["origin"]] = np.arange(len(tables.cells))
     last[:used] = at[triangles]
-    searched = np.zeros((size, 4))
-    searched[:used, :3] = mesh.vertices[surface.vertices[:used]]
-    searched[:used, 3] = np.maximum(0.5 * np.abs(distances), SEARCHED)
+    searched, sure = np.zeros((size, 3)), np.zeros(size)
+    searched[:used] = mesh.vertices[surface.vertices[:used]]
+    sure[:used] = np.maximum(0.5 * np.abs(distances), SEARCHED)
     base = (-1.0 if found.swapped else 1.0) * (found.first.place - found.second.place)
     slot = np.full(len(surface.area), -1)
     slot[:count] = np.arange(count)
@@ -131,7 +132,7 @@ def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
     approached, jumps, pending, late = (np.zeros(count) for _ in range(4))
     return Track(
         int(found.swapped), *surface, found.gap - found.gap.min(), np.arange(count), slot,
-        np.ascontiguousarray(mesh.normals[surface.vertices]), last, np.zeros((size, 2)), searched, base,
+        np.ascontiguousarray(mesh.normals[surface.vertices]), last, np.zeros((size, 2)), searched, sure, base,
         base.copy(), approached, jumps, pending, late, rim, *tables.arrays, np.zeros(1, TRACKED_TYPE),
         search.scratch()[1], np.zeros(1, FEET),
     )  # fmt: skip

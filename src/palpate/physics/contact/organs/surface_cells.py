@@ -97,8 +97,8 @@ def _neighbours(
     parent: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """`near_at`, `near` and `strips` of `SurfaceCells`; first, last (V)  cell of each vertex if all cells of the start
-    are used, and if none of their parts is. Those between cells of the start are as they are there; that of a parent
-    with a fine cell is the sum over its parts."""
+    are used, and if all divided ones are left. Those between cells of the start are unchanged; that of a parent with a
+    fine cell is the sum over its parts."""
     met = borders(mesh, np.where(first >= 0, first, last), place, area)
     outside = (met.cells >= len(found.gap)).any(axis=1)
     whole = Borders(np.concatenate([found.borders.cells, met.cells[outside]]),
