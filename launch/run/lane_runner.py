@@ -97,7 +97,8 @@ class LaneRunner:
     ) -> Outcome:
         """Run a lane for each row of these columns, which get its values.
 
-        prepare  the lane of a row; PalpateError: it fails. Called by one thread at a time
+        prepare  the lane of a row; PalpateError: it fails. Called by one thread at a time. A lane that ends before the
+                 others leaves the later values of its row as they are
         done     called ten times a second with the sum of the ticks of all lanes
 
         On KeyboardInterrupt the threads are stopped before it is raised.
@@ -158,15 +159,18 @@ class _Rows:
                 placed = [each for seat, row in given for each in self._begin(seat, row)]
             if not given:
                 return
-            for seat, _, run, _ in placed:
-                block = self._run_lane(number, block, seat, run, stopped)
+            for seat, _, run, one in placed:
+                ticks = self._keep.ticks if one.ticks is None else min(one.ticks, self._keep.ticks)
+                block = self._run_lane(number, block, seat, run, ticks, stopped)
             with self._lock:
                 for each in placed:
                     self._end(*each)
 
-    def _run_lane(self, number: int, block: int, seat: int, run: LaneRun, stopped: Callable[[], bool]) -> int:
+    def _run_lane(
+        self, number: int, block: int, seat: int, run: LaneRun, ticks: int, stopped: Callable[[], bool]
+    ) -> int:
         """Run a lane to its last tick or its failure, in calls of `block` ticks. Returns the ticks of the next call."""
-        now, ticks = 0, self._keep.ticks
+        now = 0
         while now < ticks and not stopped():
             count, begun = min(block, ticks - now), time.perf_counter()
             run.lanes.run(seat, 1, count)

@@ -35,11 +35,13 @@ class Prepared:
     graph  the checked graph
     job    all nodes that the recorded streams need
     notes  lines for the user about the graph with these settings
+    ticks  number of ticks after which this lane ends, if before the others
     """
 
     graph: Graph
     job: Job
     notes: tuple[str, ...] = ()
+    ticks: int | None = None
 
     @cached_property
     def structure(self) -> list[Any]:

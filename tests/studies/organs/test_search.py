@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
+from palpate.studies.organs.notes import REASONS
 from palpate.studies.organs.pairs import REFINED, compare_pairs, forces, refinement_scores, ticks_in_range
 from palpate.studies.organs.report import NAMES, line, text
 from palpate.studies.organs.runs import run
@@ -85,6 +86,27 @@ def test_a_seed_gives_the_same_touches(folder):
     one, two = (draw_touch(Setting("torus-8"), np.random.default_rng(4)) for _ in range(2))
     assert one == two
     assert one != draw_touch(Setting("torus-8"), np.random.default_rng(5))
+
+
+def test_a_lane_ends_with_its_touch_and_is_that_of_the_touch_alone(folder):
+    """It ran as long as the longest touch of the batch: half of the ticks of a search, which no invariant reads."""
+    rng = np.random.default_rng(3)
+    touches = sorted((draw_touch(Setting("sphere", 600, rate=500.0), rng) for _ in range(4)), key=lambda t: t.duration)
+    together, alone = run(touches, folder)[0], run(touches[:1], folder)[0]
+    ticks = alone.ticks[0]
+    assert ticks < together["contact.force"].shape[1] - 50 and together["contact.force"][0].max() > 0.0
+    for name, values in together.values.items():
+        assert not values[0, ticks:].any()
+        np.testing.assert_array_equal(values[0, :ticks], alone[name][0], err_msg=name)
+
+
+def test_reasons_that_are_known_are_not_looked_for_again(folder, monkeypatch):
+    touches = [draw_touch(Setting("ball-5", 600, "Rigid", rate=500.0), np.random.default_rng(n)) for n in (6, 7)]
+    looked = []
+    monkeypatch.setitem(REASONS, "patch", lambda trace, mesh: not looked.append(mesh))
+    run_touches(touches, folder, results := Results(), notes=True)
+    run_touches(touches, folder, results, notes=True)
+    assert len(looked) == 1 and results.noted["ball-5", "Rigid", "patch"][0] == touches[0]
 
 
 def test_touches_begin_outside(folder):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
+from palpate.engine.slot import NodeError
 from palpate.physics.geometry.topology import edge_counts
 from palpate.studies.organs import width_tasks
 from palpate.studies.organs.gaps import MM, cut_mesh, plane_of
@@ -98,3 +99,9 @@ def test_all_relations_are_tasks_of_each_body(folder):
     kinds = {name.split()[0] for name in names}
     assert kinds == {"block", "slides", "fissure", "overlaps", "merged", "same", "spun", "again"}
     assert not any("ReducedFE" in name for name in names)  # needs a basis of each body
+
+
+def test_a_body_that_does_not_fit_is_refused_and_breaks_no_relation(tmp_path):
+    """Each touch failed and counted as broken: layers of 30 mm in a tube 28 mm thick."""
+    with pytest.raises(NodeError, match="layers: found 30 mm in all, the body is 28"):
+        merged(ZOO["torus-14"], "BeamBundle", 2, np.random.default_rng(3), tmp_path)

@@ -7,7 +7,7 @@ walls of a groove, a focal point). Coarse triangles are refined when they are lo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
@@ -29,24 +29,35 @@ DEEP = 0.1  # [m] of the search for the other side
 WIDER = "wider than the organ"  # in the note of `nodes.spread`
 
 
-def reasons(trace: Trace, mesh: Mesh) -> list[str]:
-    """Why a touch is outside the range of the models: words; empty if it is inside."""
-    f, found = trace["contact.force"], []
+def reasons(trace: Trace, mesh: Mesh, known: Collection[str] = ()) -> list[str]:
+    """Why a touch is outside the range of the models: words; empty if it is inside.
+
+    known  words that are left out
+    """
+    f = trace["contact.force"]
     if not f.max() > LEAST_FORCE:
         return []
+    return [word for word, holds in REASONS.items() if word not in known and holds(trace, mesh)]
+
+
+def _exceeds_thickness(trace: Trace, _: Mesh) -> bool:
     k = int(np.argmax(trace["contact.indentation"]))
-    if trace["contact.indentation"][k] > _thickness(
-        trace["contact.foot"][k], trace["contact.normal"][k], trace.closest
-    ):
-        found.append("thickness")
-    if 0.5 * float(np.sort(np.ptp(mesh.vertices, axis=0))[1]) < PATCH:
-        found.append("patch")
-    pressed = np.flatnonzero(f > LEAST_FORCE)[:: trace.ticks(EVERY)]
-    foot = trace.closest(trace["finger.position"][pressed])[0]
-    motion, jump = (length(np.diff(points, axis=0)) for points in (trace["finger.position"][pressed], foot))
-    if (jump > MOVES * motion + 3e-3).any():
-        found.append("jump")
-    return found
+    foot, normal = trace["contact.foot"][k], trace["contact.normal"][k]
+    return bool(trace["contact.indentation"][k] > _thickness(foot, normal, trace.closest))
+
+
+def _is_narrow(_: Trace, mesh: Mesh) -> bool:
+    return bool(0.5 * float(np.sort(np.ptp(mesh.vertices, axis=0))[1]) < PATCH)
+
+
+def _jumps(trace: Trace, _: Mesh) -> bool:
+    pressed = np.flatnonzero(trace["contact.force"] > LEAST_FORCE)[:: trace.ticks(EVERY)]
+    place = trace["finger.position"][pressed]
+    motion, jump = (length(np.diff(points, axis=0)) for points in (place, trace.closest(place)[0]))
+    return bool((jump > MOVES * motion + 3e-3).any())
+
+
+REASONS = {"thickness": _exceeds_thickness, "patch": _is_narrow, "jump": _jumps}
 
 
 def _thickness(foot: np.ndarray, normal: np.ndarray, closest: Callable[..., tuple[np.ndarray, ...]]) -> float:

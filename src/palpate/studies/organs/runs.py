@@ -31,7 +31,7 @@ BYTES = 280  # of a tick of a finger
 class Traces:
     """What one finger of each touch of a batch went through, all (L,T) or (L,T,3) and in SI units.
 
-    ticks   [1] (L) number of valid ticks
+    ticks   [1] (L) number of ticks of each touch; later values are 0
     failed  error of a lane that stopped, by lane
     nodes   settings of the nodes of the graph by name
     """
@@ -68,15 +68,16 @@ def run(touches: Sequence[Touch], folder: Path, threads: int | None = None, extr
     streams = [s for s in KEPT if s != "friction" or setting.friction]
     keep = [(stream + tag, name) for tag in setting.tags for stream in streams for name in KEPT[stream]]
     first = prepare(described, keep, graph)
-    prepared = [_with_hands(first, touch) for touch in touches]
     ticks = round(longest * setting.rate)
+    valid = np.array([min(ticks, round(touch.duration * setting.rate)) for touch in touches])
+    prepared = [_with_hands(first, touch, count) for touch, count in zip(touches, valid.tolist(), strict=True)]
     arrays, lanes = columns_of(first, keep, len(prepared), ticks), LaneRunner(LaneKeep(keep, ticks), threads)
     try:
+        lanes.start(first, arrays)  # a node that does not start refuses the setting, not every touch
         failed = {lane: str(error) for lane, error in lanes.run(prepared.__getitem__, arrays).failures.items()}
     finally:
         lanes.close()
     columns = {f"{s}.{n}": column for (s, n), column in zip(keep, arrays, strict=True)}
-    valid = np.array([min(ticks, round(touch.duration * setting.rate)) for touch in touches])
     nodes = {node.name: dict(node.settings) for node in first.job.nodes}
     return [
         Traces(setting, {n.replace(f"{tag}.", ".", 1): columns[n] for n in columns if f"{tag}." in n}, valid, failed,
@@ -85,8 +86,8 @@ def run(touches: Sequence[Touch], folder: Path, threads: int | None = None, extr
     ]  # fmt: skip
 
 
-def _with_hands(first: Prepared, touch: Touch) -> Prepared:
-    """A lane like the first one, with the hands of this touch."""
+def _with_hands(first: Prepared, touch: Touch, ticks: int) -> Prepared:
+    """A lane like the first one, with the hands of this touch, which ends with it."""
     changed: dict[str, dict[str, Any]] = {}
     for tag, finger in zip(touch.setting.tags, touch.fingers, strict=True):
         origin = list(finger.origin)
@@ -96,4 +97,4 @@ def _with_hands(first: Prepared, touch: Touch) -> Prepared:
         msgspec.structs.replace(node, settings={**node.settings, **changed.get(node.name, {})})
         for node in first.job.nodes
     )
-    return replace(first, job=msgspec.structs.replace(first.job, nodes=nodes))
+    return replace(first, job=msgspec.structs.replace(first.job, nodes=nodes), ticks=ticks)

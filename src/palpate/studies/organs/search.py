@@ -16,7 +16,7 @@ from palpate.studies.organs.notes import collect_notes, reasons
 from palpate.studies.organs.runs import lanes_of, run
 from palpate.studies.organs.score import Score
 from palpate.studies.organs.touches import ORIENTATIONS, Finger, Setting, Touch, draw_touch, reachable
-from palpate.studies.organs.trace import trace_batch
+from palpate.studies.organs.trace import Trace, trace_batch
 from palpate.studies.organs.zoo import COARSE, USUAL, Specimen
 
 BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
@@ -152,18 +152,20 @@ def run_touches(
                 if name not in mine or score.score > mine[name].score:
                     mine[name] = score
             if notes and trace is not None:
-                _look_for_notes(touch, reasons(trace, touch.setting.mesh()), folder, results)
+                _look_for_notes(touch, trace, folder, results)
         for lane, error in traces.failed.items():
             results.failed.append((touches[lane], error))
     return each
 
 
-def _look_for_notes(touch: Touch, why: Sequence[str], folder: Path, results: Results) -> None:
-    keys = [(touch.setting.surface, touch.setting.body, reason) for reason in why]
-    if new := [key for key in keys if key not in results.noted]:
+def _look_for_notes(touch: Touch, trace: Trace, folder: Path, results: Results) -> None:
+    """Look for the notes of a touch that is the first of its surface and body to be out of range for a reason."""
+    setting = touch.setting
+    known = {reason for *of, reason in results.noted if of == [setting.surface, setting.body]}
+    if why := reasons(trace, setting.mesh(), known):
         texts = collect_notes(touch, folder)
-        for key in new:
-            results.noted[key] = (touch, texts)
+        for reason in why:
+            results.noted[setting.surface, setting.body, reason] = (touch, texts)
 
 
 def search(
