@@ -15,11 +15,11 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from slides import folds_of, layers_of
+from slides import folds_of
 
 from palpate.bases import build_missing
 from palpate.launch.run.progress import StageBars
-from palpate.studies.organs.gaps import DEEP, GAPS, GROOVES, HIGH, MM
+from palpate.studies.organs.gaps import DEEP, GAPS, GROOVES, HIGH, MM, layers_of
 from palpate.studies.organs.runs import launch
 from palpate.studies.organs.touches import Setting
 from palpate.studies.organs.widths import Ends, dip_of, on, press_touch

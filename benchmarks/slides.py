@@ -20,7 +20,7 @@ import numpy as np
 
 from palpate.bases import build_missing
 from palpate.launch.run.progress import StageBars
-from palpate.studies.organs.gaps import MM
+from palpate.studies.organs.gaps import MM, layers_of
 from palpate.studies.organs.runs import launch, run
 from palpate.studies.organs.slides import FAR, LIGHT, MORE, largest_change, slide_touch
 from palpate.studies.organs.touches import Setting, Touch
@@ -32,15 +32,6 @@ WHOLE = {"fissure": "unfissured"}  # the body of the others is the block
 SPEEDS, DEPTHS = (0.05, 0.1, 0.2), (4 * MM, 7 * MM, 9 * MM)  # [m/s], [m]
 ASIDE = 0.3 * MM  # of the path from the plane of symmetry
 NEAR = 0.95 * FAR  # [m]
-THINNER = 0.75  # [1] of the layers of BeamBundle on the block, 30 mm in the scene
-LAYERS = {"layers": (3 * MM, 27 * MM), "moduli": (257.6e3, 64.4e3)}  # [m], [Pa] of the scene
-
-
-def layers_of(body: str, surface: str) -> tuple[str, ...]:
-    """The values of `--set` with which a body fits into a surface."""
-    if body != "BeamBundle" or surface in WHOLE or surface in WHOLE.values():
-        return ()
-    return tuple(f"tissue.{name}={[THINNER * value for value in values]}" for name, values in LAYERS.items())
 
 
 def folds_of(reach: float) -> tuple[str, ...]:

@@ -7,7 +7,8 @@ from pytest import approx
 from palpate.engine.slot import NodeError
 from palpate.physics.geometry.topology import edge_counts
 from palpate.studies.organs import width_tasks
-from palpate.studies.organs.gaps import MM, cut_mesh, plane_of
+from palpate.studies.organs.beams import stiffness_left
+from palpate.studies.organs.gaps import HIGH, MM, OF_BLOCK, cut_mesh, plane_of, slots_of
 from palpate.studies.organs.report import line, plain, text
 from palpate.studies.organs.search import Found, Results
 from palpate.studies.organs.touches import Setting
@@ -74,6 +75,45 @@ def test_the_search_sees_a_force_that_a_gap_has_swallowed(folder):
     assert worst.score.value < worst.score.least < worst.score.bound and "bounds" in line(worst)
     report = plain(results, folder)
     assert not report["ok"] and {"least", "bound"} <= set(report["unlike"][0])
+
+
+def test_beams_of_the_block_are_compared_and_lose_what_is_missing_over_a_gap(folder):
+    """The layers of 30 mm did not fit into the block, 24 mm thick, so that no gap of it had been touched."""
+    body = block_relations("BeamBundle", 4, np.random.default_rng([3, *b"block BeamBundle"]), folder)
+    results = related(body)
+    assert results.related["gap"] == 20 and results.related["groove"] == 20 and not results.apart.total()
+    lost = [each.score.value for each in body if each.touch.setting.surface == "cut-2"]
+    whole = [each.score.value for each in body if each.touch.setting.surface == "cut-0.05"]
+    assert min(np.array(lost) / whole) < 0.9
+    swallowed = related(block_relations("BeamBundle", 3, np.random.default_rng(1), folder, POINT))
+    assert swallowed.apart["gap"] >= 5
+
+
+def test_beams_that_are_missing_over_slots_take_their_stiffness_with_them(middles=(-5e-3, 3e-3), width=2e-3, r=8e-3):
+    x, y = np.meshgrid(*2 * [(np.arange(-400, 400) + 0.5) * r / 400])
+    weight = np.where(x * x + y * y < r * r, (1.0 - (x * x + y * y) / r**2) ** 2, 0.0)
+
+    def left(at):
+        under = weight * np.all([np.abs(y + at - middle) >= 0.5 * width for middle in middles], axis=0)
+        return under.sum() ** 2 / (under**2).sum()
+
+    least = min(map(left, np.arange(-15e-3, 15e-3, 0.5e-3))) / left(1.0)
+    assert stiffness_left(middles, width, r) == approx(least, rel=0.01)
+    # of a narrow slot: w/R times the difference of the integrals over a line through the middle and over the patch
+    narrow = width / 20 / r * (2 * (16 / 15) / (np.pi / 3) - (256 / 315) / (np.pi / 5))
+    assert 1.0 - stiffness_left((0.0,), width / 20, r) == approx(narrow, rel=0.06)
+    assert stiffness_left((0.0,), 0.0, r) == 1.0 and stiffness_left((0.0,), 2 * r, r) == approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", GAPPED)
+def test_the_slots_of_a_body_are_those_of_its_mesh(name):
+    """No vertex of the block is inside of a slot, and some are at its walls."""
+    middles, width = slots_of(name)
+    if name not in OF_BLOCK or not width:
+        return
+    away = np.abs(GAPPED[name].make(COARSE).vertices[:, 1:2] - middles).min(axis=1)
+    top = GAPPED[name].make(COARSE).vertices[:, 2] > 0.5 * HIGH - 1e-9
+    assert away[top].min() == approx(0.5 * width, abs=1e-9)
 
 
 def test_tasks_of_a_search_are_kept_and_not_run_again(folder, monkeypatch):

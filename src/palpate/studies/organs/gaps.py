@@ -17,9 +17,13 @@ MM = 1e-3
 GAPS = (0.05, 0.2, 0.5, 2.0)  # [mm]
 GROOVES = (1.0, 2.0, 4.0, 8.0, 16.0)  # [mm]
 LONG, WIDE, HIGH, DEEP = 40 * MM, 60 * MM, 24 * MM, 10 * MM  # [m] of a block, and the depth of a groove
+SLOT, COMB = 1.5 * MM, tuple(y * MM for y in (-16.0, -8.0, 0.0, 8.0, 16.0))  # [m] width and starts of the slots
 FISSURE = 3 * MM  # [m] wide at the surface
 LOBED = 45 * MM, 35 * MM, 25 * MM  # [m] half axes of an ellipsoid like a liver
 APART = "@"
+OF_BLOCK = {"block", "comb", *(f"cut-{gap:g}" for gap in GAPS), *(f"groove-{width:g}" for width in GROOVES)}
+THINNER = 0.75  # [1] of the layers of BeamBundle on the block, 30 mm in the scene
+LAYERS = {"layers": (3 * MM, 27 * MM), "moduli": (257.6e3, 64.4e3)}  # [m], [Pa] of the scene
 
 
 def block(count: int) -> Mesh:
@@ -120,11 +124,29 @@ def makers() -> dict[str, tuple[Callable[[int], Mesh], str]]:
     for width in GROOVES:
         start = (-0.5 * width * MM,)
         found[f"groove-{width:g}"] = partial(slotted, width * MM, start, DEEP), f"a groove {width:g} mm wide"
-    comb = tuple(y * MM for y in (-16.0, -8.0, 0.0, 8.0, 16.0))
-    found["comb"] = partial(slotted, 1.5 * MM, comb, DEEP), "five slots, 1.5 mm wide"
+    found["comb"] = partial(slotted, SLOT, COMB, DEEP), "five slots, 1.5 mm wide"
     found["fissure"] = _fissured, "an ellipsoid with a fissure, 3 mm wide"
     found["unfissured"] = _unfissured, "the ellipsoid without the fissure"
     found["near"] = _near, "two balls, 0.2 mm apart"
     found["overlap"] = _overlapping, "two balls that overlap"
     found["union"] = _joined, "the surface of both"
     return found
+
+
+def layers_of(body: str, surface: str) -> tuple[str, ...]:
+    """The values of `--set` with which a body fits into a surface: the layers of BeamBundle are thinner and softer by
+    the same factor on the block and its parts, which keeps their compliance."""
+    if body != "BeamBundle" or surface not in OF_BLOCK:
+        return ()
+    return tuple(f"tissue.{name}={[THINNER * value for value in values]}" for name, values in LAYERS.items())
+
+
+def slots_of(surface: str) -> tuple[tuple[float, ...], float]:
+    """Middles across the gaps of a body [m] in any frame, and their width [m]; 0: it has none."""
+    if (cut := read_cut(surface)) is not None:
+        return (0.0,), cut[1] * MM
+    if surface == "comb":
+        return tuple(y + 0.5 * SLOT for y in COMB), SLOT
+    kind, _, width = surface.partition("-")
+    gap = float(width) * MM if kind in ("cut", "groove") and width else FISSURE if surface == "fissure" else 0.0
+    return (0.0,), gap
