@@ -7,8 +7,7 @@ from pytest import approx
 from palpate.engine.slot import NodeError
 from palpate.physics.geometry.topology import edge_counts
 from palpate.studies.organs import width_tasks
-from palpate.studies.organs.beams import stiffness_left
-from palpate.studies.organs.gaps import HIGH, MM, OF_BLOCK, cut_mesh, plane_of, slots_of
+from palpate.studies.organs.gaps import HIGH, MM, OF_BLOCK, cut_mesh, plane_of, slots_of, stiffness_left
 from palpate.studies.organs.report import line, plain, text
 from palpate.studies.organs.search import Found, Results
 from palpate.studies.organs.touches import Setting

@@ -15,7 +15,7 @@ sideways  part of the normal along the flat top <= w/(2 r) + 0.02
 same      F_0 exactly, at each tick: a convex body with the width of the finger and without
 spun      F within 1 % + 0.01 N of that of hand and organ turned together, which turns the grid of the closing
 beams     a BeamBundle loses the beams that are missing over a gap: the lower bounds of merged, gap and groove are
-          times the stiffness that they leave (`beams`)
+          times the stiffness that they leave (`gaps`)
 again     a surface that is closed once more changes on 99 % of its area by at most twice the error of a closing, that
           of chords of the grid's step h on its spheres and the lift of the rims: 2 (h²/(8 r) + 10 um) = 51 um
 """
@@ -33,8 +33,17 @@ from scipy.spatial.transform import Rotation
 from palpate.physics.device.falcon import HOME
 from palpate.physics.geometry.felt.bridge import RIM, STEP, close_surface
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.studies.organs.beams import stiffness_left
-from palpate.studies.organs.gaps import DEEP, FISSURE, GROOVES, HIGH, MM, layers_of, name_of_cut, plane_of, slots_of
+from palpate.studies.organs.gaps import (
+    DEEP,
+    FISSURE,
+    GROOVES,
+    HIGH,
+    MM,
+    force_left,
+    layers_of,
+    name_of_cut,
+    plane_of,
+)
 from palpate.studies.organs.pairs import turn_touch
 from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import Traces, run
@@ -148,18 +157,12 @@ def compare_cut(
     for k, touch in enumerate(touches):
         f, g, time = float(one.force[k]), float(two.force[k]), float(two.time[k])
         slack = share * f + LIGHT
-        found.append(Found(touch, name, within(g, left_of(touch) * f - slack, f + slack, time)))
+        least = force_left(touch.setting.body, cut, 0.5 * touch.setting.width) * f - slack
+        found.append(Found(touch, name, within(g, least, f + slack, time)))
         if name == "merged" and f > LEAST_FORCE:
             angle = float(2.0 * np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(one.normal[k] - two.normal[k])))))
             found.append(Found(touch, "turns", within(angle, 0.0, TURNS, time, one_sided=True)))
     return found
-
-
-def left_of(touch: Touch) -> float:
-    """Least part [1] of a force that the body keeps over its gap: the stiffness that beams lose with those that are
-    missing (`beams`); other bodies do not feel a gap that the finger does not."""
-    setting = touch.setting
-    return stiffness_left(*slots_of(setting.surface), 0.5 * setting.width) if setting.body == "BeamBundle" else 1.0
 
 
 def merged(
@@ -215,13 +218,14 @@ def dip_of(r: float, half: float, deep: float) -> float:
 
 def _below(touches: Sequence[Touch], whole: Ends, ends: Ends, dip: float) -> list[Found]:
     """Bounds of the force over a groove, whose closing is at most `dip` [m] lower than the whole body."""
-    rest, found = at_rest(whole.traces), []
+    rest, found, setting = at_rest(whole.traces), [], touches[0].setting
+    left = force_left(setting.body, setting.surface, 0.5 * setting.width)
     for lane, touch in enumerate(touches):
         f, most, time = float(ends.force[lane]), float(whole.force[lane]), float(ends.time[lane])
         bone = ends.traces["finger.position"][lane, round(time / ends.traces.step)]
         foot, normal = whole.foot[lane], whole.normal[lane]
         depth = THICKNESS - dip - float((bone - foot) @ normal)
-        least = 0.9 * left_of(touch) * float(rest.place(foot, normal).force(depth)) - LIGHT
+        least = 0.9 * left * float(rest.place(foot, normal).force(depth)) - LIGHT
         found.append(Found(touch, "groove", within(f, least, 1.01 * most + 0.01, time)))
     return found
 
