@@ -23,6 +23,7 @@ import msgspec
 import zmq
 
 from palpate.compiler.arithmetic import environment
+from palpate.compiler.frames import with_room
 from palpate.launch.run.descendants import die_with_parent, set_title
 from palpate.launch.run.reports import ANSWERS, REPORTED, REQUESTS, Exited, Kill, Prepare, Start, Started
 from palpate.launch.run.work.activity import activity
@@ -175,7 +176,7 @@ def _work(end: socket.socket, request: Start) -> NoReturn:
         end.close()
         from palpate.launch.run.work.process import serve
 
-        code = REPORTED if serve(request) else 0
+        code = REPORTED if with_room(serve, request) else 0
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -228,7 +229,7 @@ def main(descriptor: int, load: Callable[[], None] = load) -> NoReturn:
     die_with_parent(signal.SIGTERM)
     _use_ordinary_priority()
     gc.set_threshold(*COLLECTION)
-    load()
+    with_room(load)
     _serve(socket.socket(fileno=descriptor), workers)
     _end_all(workers)
 

@@ -17,6 +17,7 @@ import typer  # noqa: E402
 from palpate.cli import commands  # noqa: E402
 from palpate.cli.terminal.group import Verbs, group  # noqa: E402
 from palpate.compiler.arithmetic import pin  # noqa: E402
+from palpate.compiler.frames import with_room  # noqa: E402
 
 COLLECTION = (700, 50, 20)
 """Thresholds of garbage collection, for 10 % of the usual full ones: imports make a million objects that stay."""
@@ -51,7 +52,7 @@ def main() -> None:
     pin()  # before a command imports numpy
     gc.set_threshold(*COLLECTION)
     try:
-        app(prog_name="palpate")
+        with_room(app, prog_name="palpate")
     except KeyboardInterrupt:
         sys.exit(128 + signal.SIGINT)
 

@@ -18,6 +18,7 @@ from numba.core.target_extension import current_target, target_override
 
 from palpate.compiler import interpreted
 from palpate.compiler.code_cache import CodeCache
+from palpate.compiler.frames import with_room
 from palpate.compiler.target.target import PINNED, REPLACED, TARGET, Pinned, replacement
 from palpate.registry import collection_suspended
 
@@ -45,6 +46,9 @@ class CachedFunction(Pinned):
         """The code for these types, compiled or loaded."""
         if tuple(getattr(sig, "args", sig)) in self.overloads:
             return super().compile(sig)
+        return with_room(self._compile, sig)
+
+    def _compile(self, sig: Any) -> Any:
         self._cache.forget(sig)
         with target_override(TARGET), collection_suspended():
             self._tag = self._cache.names(sig).tag
