@@ -24,10 +24,10 @@ from numba.core.serialize import dumps
 
 from palpate.compiler import kernel_cache, kernel_files, trust
 from palpate.compiler.content import bytecode, closure, extensions, origin, values
-from palpate.compiler.target import code_library, target
+from palpate.compiler.target import code_library, passes, target
 
 _HERE = __name__.rpartition(".")[0]
-COMPILER = (bytecode, closure, extensions, origin, values, code_library, target, f"{_HERE}.kernel")
+COMPILER = (bytecode, closure, extensions, origin, values, code_library, passes, target, f"{_HERE}.kernel")
 """Modules that determine the code of all kernels, or the names of their files."""
 SETTINGS = (
     "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO_DEFAULT", "EXTEND_VARIABLE_LIFETIMES",

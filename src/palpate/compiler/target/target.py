@@ -29,6 +29,7 @@ from numba.core.utils import threadsafe_cached_property
 
 from palpate.compiler.arithmetic import kernel_processor
 from palpate.compiler.target.code_library import REPLACEMENT, Codegen
+from palpate.compiler.target.passes import KernelCompiler
 
 TARGET = "palpate"  # Name of the target of kernels
 REPLACED = {
@@ -198,7 +199,7 @@ class Pinned(CPUDispatcher):
     targetdescr = PINNED
 
     def __init__(self, *given: Any, **named: Any) -> None:
-        super().__init__(*given, **named)
+        super().__init__(*given, **{"pipeline_class": KernelCompiler, **named})
         self._compiler._customize_flags = self._tagged  # type: ignore[attr-defined]
 
     def _tagged(self, flags: Flags) -> Flags:
