@@ -10,12 +10,13 @@ import pytest
 from palpate.compiler import code_cache, kernel
 from palpate.compiler.content import closure, extensions
 from palpate.compiler.numba_internals import MEMBERS, OTHERS, OVERRIDDEN, PREFIX, USED
-from palpate.compiler.target import code_library, elsewhere, target, translation
+from palpate.compiler.target import code_library, elsewhere, passes, target, translation
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ["src/palpate", "messages", "nodes", "launch"]
 FILES = (
     "compiler/kernel.py", "compiler/target/target.py", "compiler/target/code_library.py", "compiler/code_cache.py",
+    "compiler/target/passes.py",
     "compiler/target/elsewhere.py", "compiler/target/translation.py",
     "compiler/content/closure.py", "compiler/content/extensions.py", "compiler/memory.py", "compiler/records.py",
     "compiler/dot.py",
@@ -26,6 +27,8 @@ OURS = (
     target._PinnedCodegen, target._Context, target._CallConv, target._Typing, target._Target, target._Processor,
     target.Pinned, target._Flags, kernel.CachedFunction, kernel.CompiledKernel, code_library.Library,
     code_library.Codegen, elsewhere.Elsewhere, elsewhere.ElsewhereLibrary, translation.Translation,
+    passes.KernelCompiler, passes.Passes, passes.Canonical, passes.Closures, passes.EarlyRewrites, passes.Assignments,
+    passes.Merges, passes.LateRewrites,
 )  # fmt: skip
 """Classes with a base in numba."""
 CONTENT = (

@@ -5,6 +5,7 @@ function that is called only by kernels remains LLVM IR until its address is req
 machine code of entry points, and the IR of other functions.
 """
 
+import functools
 import hashlib
 from collections.abc import Iterable
 from typing import Any
@@ -20,12 +21,43 @@ REPLACEMENT = "palpate."  # Prefix of the names of functions that replace those 
 DYNAMIC = "numba.dynamic.globals"  # Prefix of the names of Python objects that code refers to
 
 
+class Part:
+    """IR of one function, with what is asked of it for each function that calls it.
+
+    module   LLVM's module
+    bitcode  its content
+    digest   a hash of the content
+    """
+
+    def __init__(self, module: Any, bitcode: bytes = b"") -> None:
+        self.module, self.bitcode = module, bitcode or module.as_bitcode()
+
+    @functools.cached_property
+    def digest(self) -> str:
+        return hashlib.sha256(self.bitcode).hexdigest()
+
+    @functools.cached_property
+    def functions(self) -> list[tuple[str, bool]]:
+        """Names of functions, and whether the module only declares them."""
+        return [(f.name, f.is_declaration) for f in self.module.functions]
+
+    @functools.cached_property
+    def replaced(self) -> frozenset[str]:
+        """Functions of the C library whose replacement it calls or defines."""
+        return _replaced(name for name, _ in self.functions)
+
+    @functools.cached_property
+    def dynamic(self) -> bool:
+        """Whether it refers to an object of this process."""
+        return any(v.name.startswith(DYNAMIC) for v in self.module.global_variables)
+
+
 class Library(JITCodeLibrary):
     """The code of one function."""
 
     _codegen: Any
-    _loaded: tuple[list[str], dict[str, Any]] | None = None  # IR from disk: names of its functions, and the parts
-    _tidied: dict[str, Any] | None = None  # IR of the function itself
+    _loaded: tuple[list[str], dict[str, Part]] | None = None  # IR from disk: names of its functions, and the parts
+    _tidied: dict[str, Part] | None = None  # IR of the function itself
     _replaced: frozenset[str] | None = None  # found when machine code was generated
 
     def add_ir_module(self, ir_module: Any) -> None:
@@ -52,34 +84,36 @@ class Library(JITCodeLibrary):
         """Nothing: the passes over a whole entry point optimise it."""
         ll_module.data_layout = self._codegen._data_layout
 
-    def parts(self) -> dict[str, Any]:
-        """IR of the function and of all functions that it calls: modules by a hash of their content."""
-        found: dict[str, Any] = {}
+    def parts(self) -> dict[str, Part]:
+        """IR of the function and of all functions that it calls, by the hash of its content."""
+        found: dict[str, Part] = {}
         for library in self._all():
-            found |= library._part() if isinstance(library, Library) else _part(library._get_module_for_linking())
+            found |= library._part() if isinstance(library, Library) else _by_digest(library._get_module_for_linking())
         return found
 
     def _all(self) -> list[Any]:
         """The library itself and those of all functions that it calls, directly or indirectly."""
-        found: list[Any] = [self]
-        for library in found:
-            if isinstance(library, Library):
-                found += [each for each in library._linking_libraries if each not in found]
-        return found
+        found: dict[Any, None] = {self: None}
+        waiting = [self]
+        while waiting:
+            new = [each for each in waiting.pop(0)._linking_libraries if each not in found]
+            found |= dict.fromkeys(new)
+            waiting += [each for each in new if isinstance(each, Library)]
+        return list(found)
 
     @property
     def has_dynamic_globals(self) -> bool:
         """Whether code refers to an object of this process and therefore cannot be cached on disk."""
         if self._finalized:
             return super().has_dynamic_globals
-        return any(v.name.startswith(DYNAMIC) for part in self.parts().values() for v in part.global_variables)
+        return any(part.dynamic for part in self.parts().values())
 
     @property
     def replaced(self) -> frozenset[str]:
         """Functions of the C library whose replacement the code contains."""
-        return _replaced(self.parts().values()) if self._replaced is None else self._replaced
+        return _joined(self.parts().values()) if self._replaced is None else self._replaced
 
-    def _part(self) -> dict[str, Any]:
+    def _part(self) -> dict[str, Part]:
         if self._loaded is not None:
             return self._loaded[1]
         if self._tidied is None:
@@ -90,7 +124,7 @@ class Library(JITCodeLibrary):
             self._codegen.tidy(module)
             for name in names:
                 module.get_function(name).linkage = "linkonce_odr"  # several entry points may contain it
-            self._tidied = _part(module)
+            self._tidied = _by_digest(module)
         return self._tidied
 
     @property
@@ -103,14 +137,14 @@ class Library(JITCodeLibrary):
         self._raise_if_finalized()
         names = self.names
         parts = self.parts().values()
-        self._replaced = _replaced(parts)
+        self._replaced = _joined(parts)
         for part in self._part().values() if self._loaded is not None else ():
-            if defined := [f.name for f in part.functions if f.name in names and not f.is_declaration]:
-                copy = part.clone()  # LLVM links a function without callers only if it is external
+            if defined := [name for name, declared in part.functions if name in names and not declared]:
+                copy = part.module.clone()  # LLVM links a function without callers only if it is external
                 for name in defined:
                     copy.get_function(name).linkage = "external"
                 self._final_module.link_in(copy)
-        at = {f.name: part for part in parts for f in part.functions if not f.is_declaration}
+        at = {name: part.module for part in parts for name, declared in part.functions if not declared}
         counting = at.get(COUNTING)
         at = {name: part for name, part in at.items() if part is not counting}
         while needed := dict.fromkeys(
@@ -158,8 +192,7 @@ class Library(JITCodeLibrary):
         """The content of the cache file: machine code if it was generated, else IR."""
         if self._finalized:
             return self.name, "object", (self._get_compiled_object(), _names(self._final_module))
-        parts = {digest: part.as_bitcode() for digest, part in self.parts().items()}
-        return self.name, "parts", (self.names, parts)
+        return self.name, "parts", (self.names, {digest: part.bitcode for digest, part in self.parts().items()})
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Any:
@@ -169,7 +202,7 @@ class Library(JITCodeLibrary):
             known = codegen.parts
             for digest, bitcode in more.items():
                 if digest not in known:
-                    known[digest] = llvm.parse_bitcode(bitcode)
+                    known[digest] = Part(llvm.parse_bitcode(bitcode), bitcode)
             library._loaded = content, {digest: known[digest] for digest in more}
             return library
         library.enable_object_caching()
@@ -179,17 +212,21 @@ class Library(JITCodeLibrary):
         return library
 
 
-def _part(module: Any) -> dict[str, Any]:
-    return {hashlib.sha256(module.as_bitcode()).hexdigest(): module}
+def _by_digest(module: Any) -> dict[str, Part]:
+    part = Part(module)
+    return {part.digest: part}
 
 
 def _defined_functions(module: Any) -> list[str]:
     return [f.name for f in module.functions if not f.is_declaration and f.linkage == llvm.Linkage.external]
 
 
-def _replaced(parts: Iterable[Any]) -> frozenset[str]:
-    names = {f.name for part in parts for f in part.functions if f.name.startswith(REPLACEMENT)}
-    return frozenset(name.removeprefix(REPLACEMENT) for name in names)
+def _joined(parts: Iterable[Part]) -> frozenset[str]:
+    return frozenset(name for part in parts for name in part.replaced)
+
+
+def _replaced(names: Iterable[str]) -> frozenset[str]:
+    return frozenset(name.removeprefix(REPLACEMENT) for name in names if name.startswith(REPLACEMENT))
 
 
 def _names(module: Any) -> tuple[list[str], list[str]]:
@@ -205,7 +242,7 @@ class Codegen(JITCPUCodegen):
 
     def __init__(self, module_name: str) -> None:
         super().__init__(module_name)
-        self.parts: dict[str, Any] = {}  # modules that were loaded, by a hash of their content
+        self.parts: dict[str, Part] = {}  # those that were loaded, by the hash of their content
         self._environments: set[str] = set()
 
     def register_code(self, functions: list[str], environments: list[str]) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numba
 
-from palpate.compiler.target.code_library import Codegen, Library
+from palpate.compiler.target.code_library import Codegen, Library, Part
 from palpate.compiler.target.processors import Processor
 
 
@@ -27,7 +27,7 @@ class Elsewhere(Codegen):
 
     def __init__(self, processor: Processor) -> None:
         self.processor = processor
-        self._adopted: dict[str, Any] = {}
+        self._adopted: dict[str, Part] = {}
         super().__init__("palpate.exec")
 
     def _get_host_cpu_name(self) -> str:
@@ -53,8 +53,9 @@ class Elsewhere(Codegen):
         parts = {}
         for digest, part in library.parts().items():
             if digest not in self._adopted:
-                self._adopted[digest] = part.clone()
-                self.processor.adopt(self._adopted[digest], self._tm)
+                module = part.module.clone()
+                self.processor.adopt(module, self._tm)
+                self._adopted[digest] = Part(module)
             parts[digest] = self._adopted[digest]
         found = self.create_library(library.name)
         found._loaded = library.names, parts

@@ -15,10 +15,10 @@ from numba.core.inline_closurecall import RewriteArrayOfConsts
 from numba.core.ir_utils import build_definitions
 from numba.core.postproc import VariableLifetime
 from numba.core.rewrites import rewrite_registry
+from numba.core.ssa import reconstruct_ssa
 from numba.core.transforms import canonicalize_cfg
 from numba.core.typed_passes import AnnotateTypes, DumpParforDiagnostics, NopythonRewrites, PreLowerStripPhis
 from numba.core.untyped_passes import GenericRewrites, InlineClosureLikes, IRProcessing, ReconstructSSA
-from numba.core.ssa import reconstruct_ssa
 
 CLOSURES = {"make_function", "build_list"}
 """Expressions of functions that are defined in a kernel, and of lists."""
@@ -38,7 +38,7 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
 class Passes(PassManager):
     """Passes without a timer, an event and a text of the types for each."""
 
-    def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:  # noqa: N802
+    def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
         pss.analysis = self._analysis
         pss.run_initialization(internal_state)
         pss.run_pass(internal_state)

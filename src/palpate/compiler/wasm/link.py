@@ -15,7 +15,7 @@ import llvmlite.binding as llvm
 from numba import types
 
 from palpate.compiler.entry_point import compiled
-from palpate.compiler.target.code_library import COUNTING
+from palpate.compiler.target.code_library import COUNTING, Part
 from palpate.compiler.target.processors import WASM
 from palpate.compiler.wasm import runtime
 from palpate.compiler.wasm.object_file import Linked, finish
@@ -161,7 +161,7 @@ def link(entries: Sequence[Kernel], exports: Mapping[str, Kernel]) -> tuple[Link
     """
     called = {name: Kernel(*given) for name, given in PROVIDED.items()}
     kernels = [*entries, *exports.values(), *called.values()]
-    parts: dict[str, Any] = {}
+    parts: dict[str, Part] = {}
     for kernel in kernels:
         parts |= kernel.code().library.parts()
     symbols = {kernel: kernel.code().fndesc.llvm_func_name for kernel in kernels}
@@ -178,19 +178,20 @@ def link(entries: Sequence[Kernel], exports: Mapping[str, Kernel]) -> tuple[Link
     return linked, [linked.table[symbols[entry]] for entry in entries]
 
 
-def _compiled(parts: Mapping[str, Any], text: str, exports: Sequence[str]) -> Linked:
+def _compiled(parts: Mapping[str, Part], text: str, exports: Sequence[str]) -> Linked:
     """The module of parts of IR and of more IR as text."""
     names = {name: name for name in (*exports, "place_heap", "heap_top")}
     module = llvm.parse_assembly(_with_declarations(_for_target(str(_joined(parts.values()))) + text))
     return finish(_generate(module, [*names, *CALLED_BY_LLVM]), names)
 
 
-def _joined(parts: Any) -> Any:
+def _joined(parts: Iterable[Part]) -> Any:
     """All functions in one module; what counts references is inlined, as in `Library._optimize`."""
     whole = llvm.parse_assembly("")
     for part in parts:
-        counts = any(f.name == COUNTING and not f.is_declaration for f in part.functions)
-        copy = llvm.parse_assembly(str(part).replace("noinline", "alwaysinline")) if counts else part.clone()
+        counts = (COUNTING, False) in part.functions
+        text = str(part.module).replace("noinline", "alwaysinline") if counts else ""
+        copy = llvm.parse_assembly(text) if counts else part.module.clone()
         for function in copy.functions:
             if not function.is_declaration:
                 function.linkage = "weak_odr"  # several parts may contain it; LLVM would leave one without callers out
