@@ -125,15 +125,20 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
     user of the same mapping, a `when:` or `$path`, or a shipped class has it. A boolean may also be an effect of the
     scene that no node of this graph reads, unless its key resembles the name of a setting.
     """
-    families = {cls: _family(cls) for cls in {offer.cls for offer in offers}}
     read_at = {prefix for used in scene.used for prefix in _prefixes(used)}
-    taken = {(o.path, o.key) for o in offers if o.key in families[o.cls][0] or not families[o.cls][1]}
+    taken = {(o.path, o.key) for o in offers if o.key in settings(o.cls)}
+    taken |= {(o.path, o.key) for o in offers if o.path and f"{o.path}.{o.key}" in read_at}
+    for offer in offers:  # only for other keys, the other classes are imported
+        if (offer.path, offer.key) not in taken:
+            names, seen = _family(offer.cls)
+            if offer.key in names or not seen:
+                taken.add((offer.path, offer.key))
     reported = set()
     for offer in offers:
-        path, (names, _) = f"{offer.path}.{offer.key}", families[offer.cls]
-        read = offer.path and path in read_at
-        if (offer.path, offer.key) in taken or read or offer.place in reported:
+        path = f"{offer.path}.{offer.key}"
+        if (offer.path, offer.key) in taken or offer.place in reported:
             continue
+        names, _ = _family(offer.cls)
         if isinstance(offer.value, bool) and not nearest(offer.key, names, likeness=0.8):
             continue
         shipped, missing = catalogue()
@@ -168,13 +173,14 @@ def check_taken(
         cure = " ".join(_instead(offer) for offer in lost) or "No node reads it."
         faults.add(f"{path!r} of the scene reaches no node of this graph", cure, value.place())
     left: dict[tuple[str, str], list[str]] = {}
-    families = {cls: _family(cls)[0] for cls in {offer.cls for offer in offers}}
     knowing = {(offer.path, offer.key) for offer in offers if offer.key in settings(offer.cls)}
     for offer in offers:
         path = f"{offer.path}.{offer.key}"
         known = (offer.path, offer.key) in knowing
-        other = families[offer.cls].get(offer.key)
-        if offer.path and not (known or reaches(path) or other is None or _calibration_of(other)):
+        if not offer.path or known or reaches(path):
+            continue
+        other = _family(offer.cls)[0].get(offer.key)
+        if other is not None and not _calibration_of(other):
             close = _closest(offer.key, offer.cls)
             about = f"{offer.node} ({offer.cls.__name__}) does not take from scene.{offer.path}: "
             left.setdefault((offer.node, about), []).append(f"{offer.key}{f' (it has {close})' if close else ''}")
