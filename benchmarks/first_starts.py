@@ -73,6 +73,7 @@ class Copies:
         """Processor time [s] of all processes of a command of a copy, with this cache of kernels."""
         source = self.copies[copy] / "src"
         environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(source)}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # containers set it; then each command would parse its sources
         if "run" in command:
             self.record.unlink(missing_ok=True)  # an older copy has no `--force`
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
