@@ -23,11 +23,11 @@ import msgspec
 import zmq
 
 from palpate.compiler.arithmetic import environment
-from palpate.compiler.frames import with_room
 from palpate.launch.run.descendants import die_with_parent, set_title
 from palpate.launch.run.reports import ANSWERS, REPORTED, REQUESTS, Exited, Kill, Prepare, Start, Started
 from palpate.launch.run.work.activity import activity
 from palpate.launch.run.work.forked import Child, fork, forkable
+from palpate.registry import with_room
 
 COLLECTION = (700, 10, 10)  # Python's thresholds of garbage collection, whose pauses are the shortest
 MOST_PRINTED = 1 << 20  # [bytes] of output read at once, so that a flood of output does not block the launcher

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from palpate.compiler.frames import with_room
+from palpate.registry import with_room
 
 DEPTH, CALLS = 400, 2000
 
@@ -51,7 +51,7 @@ def test_a_nested_call_and_an_exception():
 
 def test_recursion_ends_as_usual():
     text = (
-        "from palpate.compiler.frames import with_room\n"
+        "from palpate.registry import with_room\n"
         "def again(n): return again(n + 1)\n"
         "try: with_room(again, 0)\n"
         "except RecursionError: print('ended')"

@@ -17,7 +17,7 @@ import typer  # noqa: E402
 from palpate.cli import commands  # noqa: E402
 from palpate.cli.terminal.group import Verbs, group  # noqa: E402
 from palpate.compiler.arithmetic import pin  # noqa: E402
-from palpate.compiler.frames import with_room  # noqa: E402
+from palpate.registry import with_room  # noqa: E402
 
 COLLECTION = (700, 50, 20)
 """Thresholds of garbage collection, for 10 % of the usual full ones: imports make a million objects that stay."""

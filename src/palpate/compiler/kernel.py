@@ -18,9 +18,8 @@ from numba.core.target_extension import current_target, target_override
 
 from palpate.compiler import interpreted
 from palpate.compiler.code_cache import CodeCache
-from palpate.compiler.frames import with_room
 from palpate.compiler.target.target import PINNED, REPLACED, TARGET, Pinned, replacement
-from palpate.registry import collection_suspended
+from palpate.registry import collection_suspended, with_room
 
 __all__ = ["PINNED", "REPLACED", "CachedFunction", "CompiledKernel", "ieee_kernel", "kernel", "replacement"]
 
