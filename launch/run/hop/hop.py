@@ -40,16 +40,7 @@ from palpate.nodes.base import Block
 BLOCK = 512  # ticks in one call at most
 LONGEST = 40_000_000  # [ns] of a call, since orders and Ctrl-C take effect after it
 REAL_LONGEST = 10_000_000  # [ns] of a call on the real clock
-FAST = 2500.0  # [Hz] rate above which observed messages are handed over after `FEW` ticks on the real clock
-FEW = 5
 FAR = 1 << 62  # a tick after all others
-
-
-def real_block(rate: float, observed: bool) -> int:
-    """Ticks in one call on the real clock [rate in Hz]. The messages for observers are handed over after it, in time of
-    the next tick: for ten nodes 0.2 to 0.7 ms after 10 ms at 5 kHz, in which two or three ticks were left out."""
-    most = max(1, min(BLOCK, round(1e-9 * REAL_LONGEST * rate)))
-    return min(most, FEW) if observed and rate > FAST else most
 
 
 def suits(parts: Sequence[Slot | CompiledSegment]) -> bool:
@@ -120,7 +111,7 @@ class Hop:
             return
         self._real = worker.job.clock == "real"
         self._lead: Slot | None = None
-        self._phase = worker.job.phase
+        self._block, self._phase = max(1, min(BLOCK, round(1e-9 * REAL_LONGEST * worker.job.rate))), worker.job.phase
         self._where = self._state.ctypes.data
         self._fill(worker.job)
         self._run = load(self._real)
@@ -187,8 +178,7 @@ class Hop:
         state["origin"], state["last"] = origin, worker.tick
         state["end"] = FAR if worker.last is None else worker.last
         # Each worker returns to Python after other ticks than the others, since they share the core.
-        block = real_block(worker.job.rate, bool(self._segments["keeps"].any()))
-        most = 1 if self._bus.served_readers() else block - (worker.tick + 1 + self._phase) % block
+        most = 1 if self._bus.served_readers() else self._block - (worker.tick + 1 + self._phase) % self._block
         why = self._run(self._where, most, now() + 2 * REAL_LONGEST)
         ran, worker.tick = int(state["done"]), int(state["last"])
         if why in (DONE, BETWEEN):

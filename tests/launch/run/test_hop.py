@@ -16,7 +16,7 @@ from palpate.engine.clock import now
 from palpate.engine.job import InputJob, Job, NodeJob
 from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import NodeError
-from palpate.launch.run.hop.hop import Hop, real_block
+from palpate.launch.run.hop.hop import Hop
 from palpate.launch.run.wire.addresses import RunFolder, endpoint
 from palpate.launch.run.wire.bus import Bus
 from palpate.launch.run.wire.inlet import Inlet
@@ -438,12 +438,3 @@ def test_libzmq_reads_each_stream(bench, kind):
             name, _, payload = reader.recv().partition(b"\0")
             read[name.decode()].append(payload)
     assert read == made.payloads
-
-
-@pytest.mark.parametrize(
-    "rate, observed, ticks", [(1000.0, True, 10), (1000.0, False, 10), (5000.0, False, 50), (5000.0, True, 5)]
-)
-def test_what_observers_get_is_handed_over_between_two_fast_ticks(rate, observed, ticks):
-    """After 50 ticks at 5 kHz it takes longer than a period, so that two or three ticks were left out each time."""
-    assert real_block(rate, observed) == ticks
-    assert real_block(1e-3, observed) == 1
