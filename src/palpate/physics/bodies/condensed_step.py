@@ -209,7 +209,7 @@ def take_load(
 
 @kernel
 def _exceed(model: CondensedModel, excess: Record, radius: float, thin: float, curved: float, total: float):
-    """Excess of a patch of this radius [m] on ground of this inverse thickness and curvature [1/m] under a force [N]."""
+    """Excess under a force [N] on a patch of this radius [m], on ground of these 1/thickness and curvature [1/m]."""
     excess.thin = max(FLAT * radius * thin - 1.0, 0.0)
     excess.curved = max(FLAT * radius * curved - 1.0, 0.0)
     if not model.true.sticks:
