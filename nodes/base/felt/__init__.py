@@ -133,8 +133,8 @@ def bridge_notes(surface: str, width: float, bridged: Bridged) -> list[str]:
     at = ", ".join(f"{1e3 * x:.3g}" for x in felt.place)
     return [
         f"{surface}: gaps and grooves {wide} are bridged: {1e4 * felt.area:.2g} cm² over parts up to "
-        f"{1e3 * felt.depth:.2g} mm deep, the deepest at ({at}) mm of the surface. The tissue there is as stiff as "
-        "without the gap. scene.finger.width=0 is a needle or stylus, which enters them"
+        f"{1e3 * felt.depth:.2g} mm deep, the deepest at ({at}) mm of the surface. With MassSpring the tissue there is "
+        "as stiff as without the gap. scene.finger.width=0 is a needle or stylus, which enters them"
     ]
 
 
