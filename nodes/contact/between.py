@@ -285,7 +285,7 @@ class Between(CompiledNode):
         "rides": bool, "ride": (2, RIDE), "by": (2, 6),
         "turns": TABLE, "levers": TABLE, "seen": ARRAY,
         "first_points": TABLE, "second_points": TABLE, "wrench": (9,), "load": (6,), "torques": TABLE,
-        "held": (3,), "counted": (3,), "point": (3,), "middle": (3,),
+        "held": (3,), "counted": (3,), "given": (3,), "point": (3,), "middle": (3,),
         "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance, and what it gave
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates, and their
@@ -584,7 +584,8 @@ class Between(CompiledNode):
                 "foundation, or landed on it, within a step: a higher rate generates less",
             )  # fmt: skip
         (aside, nearer), (cell, reach) = self.known["strays"], self.known["allowed"]
-        if aside > cell > 0.0 and not self.known["track"]["cell"]["shape"][0]:
+        follows = self.known["track"]["cell"]["shape"][0] > 0
+        if aside > cell > 0.0 and not follows:
             self._note_growth(
                 "slide", aside,
                 f"Between: the foundations slid by up to {1e3 * aside:.3g} mm against each other, more than the "
@@ -597,7 +598,7 @@ class Between(CompiledNode):
                 "Between: the contact reached the end of the region with candidates, where it lacks force: set "
                 "scene.between.reach to more",
             )  # fmt: skip
-        if nearer > reach > 0.0:
+        if nearer > reach > 0.0 and not follows:  # else `ended` says where candidates are missing
             self._note_growth(
                 "approach", nearer,
                 f"Between: the foundations came nearer by up to {1e3 * nearer:.3g} mm, more than the candidates reach: "

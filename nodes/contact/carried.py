@@ -115,12 +115,13 @@ def ride_on(own, pair, rub, first, i, second, j):
         way = by[x] - own.counted[x]
         work += own.held[x] * way
         rub.carried[x] += way
-        own.counted[x] = 0.0
+        own.counted[x] = own.given[x] = 0.0
     floats(own.carried)[0] -= work
     # prescribed motions in this step
     if _move(own, first, i, second, j, False):
         _cells(own, pair)
-        put(own.counted, against(own, own.by[0], own.by[1]))
+        put(own.given, against(own, own.by[0], own.by[1]))
+        put(own.counted, vector(own.given))
 
 
 @ieee_kernel
@@ -158,6 +159,7 @@ def end_ride(own, pair, rub, pull):
     put(own.held, pull)
     for x in range(3):
         work += own.held[x] * own.counted[x]
+        own.counted[x] -= own.given[x]
     floats(own.carried)[0] -= work
     along = rigid.in_world(one, two, pull)
     torques, back = floats(own.torques), (-along[0], -along[1], -along[2])

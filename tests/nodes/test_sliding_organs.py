@@ -42,11 +42,11 @@ def height(x):
     return z
 
 
-def course(made, path, exchanged=False):
-    """The messages for these displacements [m] (n,3) of the ball at 1 kHz."""
-    side = "second_support" if exchanged else "first_support"
+def course(made, path, exchanged=False, **rides):
+    """The messages for these displacements [m] (n,3) of the ball at 1 kHz; rides: further fields of its foundation."""
+    side, still = "second_support" if exchanged else "first_support", (0.0, 0.0, 0.0)
     return [
-        made.step([], [], **{side: [Support(displacement=tuple(map(float, at)), velocity=(0.0, 0.0, 0.0))]}, dt=1e-3)
+        made.step([], [], **{side: [Support(displacement=tuple(map(float, at)), velocity=still, **rides)]}, dt=1e-3)
         for at in path
     ]
 
@@ -78,6 +78,21 @@ def test_the_contact_of_organs_that_slid_is_that_of_organs_set_up_there(kind, wa
     force = np.array([each.force for each in found])
     assert np.abs(np.diff(force[300:])).max() < np.abs(np.diff(force[:300])).max()
     assert end.generated < 1e-12 and min(each.gap for each in found) > -1e-9
+
+
+def test_an_organ_that_may_rotate_is_rubbed_as_one_that_does_not():
+    """Its prescribed motion was subtracted in the next step: 0.01 of the normal force in place of 0.3."""
+    still = np.zeros(3)
+    rides = {"rotation": still, "spin": still, "centre": np.array((BEGIN, 0.0, height(BEGIN)))}
+    shares = [
+        [float(np.linalg.norm(each.friction)) / each.force for each in found[350::50]]
+        for found in (
+            course(contact("MassSpring", (BEGIN, 0.0, height(BEGIN)), friction=0.3), slide(5e-3, 10e-3), **more)
+            for more in ({}, rides)
+        )
+    ]
+    assert max(shares[0]) == approx(0.3, rel=0.05)
+    np.testing.assert_allclose(shares[1], shares[0], rtol=0.02)
 
 
 def test_the_contact_does_not_depend_on_the_way_to_its_place():
