@@ -137,7 +137,7 @@ class OrganContact(Sparse):
     resultant      [N]   (3)   vector sum of the forces on the first body; the second gets the opposite
     foot           [m]   (3)   centre of the forces on the first body's undeformed surface; the last one without force
     across         [m]   (3)   the same on the second body
-    normal         [1]   (3)   mean normal out of the second body there
+    normal         [1]   (3)   mean normal out of the second body there, in the frame of the first
     area           [m^2] ()    of contact
     gap            [m]   ()    smallest gap of the candidates, at most their reach; negative where an overlap is left
                                for the next step
@@ -161,6 +161,8 @@ class OrganContact(Sparse):
     torques        [N m] (t,3) moments on both bodies about their centres, where one rotates with its foundation: t = 2;
                                else t = 0, and omitted. `resultant` is then in the world, the other vectors in the
                                frames of the bodies
+    across_normal  [1]   (n)   `normal` in the frame of the second body, where one rotates with its foundation: n = 3;
+                               else n = 0, it is the same, and omitted
     """
 
     force: Annotated[float, "N"]
@@ -186,6 +188,7 @@ class OrganContact(Sparse):
     second_forces: Annotated[Floats, "N", ("l", 3)]
     carried: Annotated[Floats, "J", ("c",)] = NO_FLOATS
     torques: Annotated[Floats, "N m", ("t", 3)] = NO_TORQUES
+    across_normal: Annotated[Floats, "1", ("n",), UNIT_VECTOR] = NO_FLOATS
 
 
 class Neighbour(Message):

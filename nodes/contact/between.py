@@ -209,6 +209,14 @@ def send_loads(own, out, first, second):
 
 
 @kernel
+def send_ride(own, out):
+    """Lend what only organs that rotate with their foundations have, after `end_ride`."""
+    lend(out.torques, own.torques)
+    lend(out.carried, own.carried)
+    lend(out.across_normal, own.across_normal)
+
+
+@kernel
 def balance_late(own, out):
     """Count as generated what the contact has given more than it had taken before, with the work after its steps."""
     lost = out.dissipated - out.generated - own.late
@@ -281,11 +289,11 @@ class Between(CompiledNode):
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
         # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;
         # gaps [m] that the last step expected; vertices [m]; forces of the candidates [N, N m]; friction [N] of the
-        # last step on the first, and the motion [m] that it counted; centre of the patch.
+        # last step on the first, and the motion [m] that it counted; centre of the patch; last normal on the second.
         "rides": bool, "ride": (2, RIDE), "by": (2, 6),
         "turns": TABLE, "levers": TABLE, "seen": ARRAY,
         "first_points": TABLE, "second_points": TABLE, "wrench": (9,), "load": (6,), "torques": TABLE,
-        "held": (3,), "counted": (3,), "given": (3,), "point": (3,), "middle": (3,),
+        "held": (3,), "counted": (3,), "given": (3,), "point": (3,), "middle": (3,), "across_normal": ARRAY,
         "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance, and what it gave
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates, and their
@@ -331,6 +339,7 @@ class Between(CompiledNode):
             self.own["normal"] = normal[nearest]
             self.own["point"] = 0.5 * (found.first.place[nearest] + found.second.place[nearest])
             self.own["penetrates"][1] = 1e-4
+        self.hold("across_normal", np.array(self.own["normal"]))
         self._remark(sides, found, bool(tangents.size))
 
     def _candidates(self, sides: list[GivenBody]) -> Candidates:
@@ -552,8 +561,7 @@ class Between(CompiledNode):
         if rides:
             put(out.resultant, end_ride(own, pair, rub, vector(out.friction)))
             balance_late(own, out)
-            lend(out.torques, own.torques)
-            lend(out.carried, own.carried)
+            send_ride(own, out)
         elif carries:
             work = floats(own.carried)
             for x in range(3):

@@ -150,8 +150,8 @@ def press_on(own, pair):
 
 @ieee_kernel
 def end_ride(own, pair, rub, pull):
-    """After the friction, whose sum on the first body is `pull` [N] (3): fills the torques of the message, counts the
-    work of the foundations, and returns force [N] (3) on the first organ in the world."""
+    """After the friction, whose sum on the first body is `pull` [N] (3): fills torques and normal on the second body of
+    the message, counts the work of the foundations, and returns force [N] (3) on the first organ in the world."""
     one, two, seen, force, work = own.ride[0], own.ride[1], floats(own.seen), pair.active.force, 0.0
     for i in range(len(seen)):
         work += force[i] * (pair.gap[i] - seen[i])
@@ -166,8 +166,22 @@ def end_ride(own, pair, rub, pull):
     about, turned = (rigid.torque_at(one, along, vector(own.point)), rigid.torque_at(two, back, vector(own.point)))
     for x in range(3):
         torques[0, x], torques[1, x] = own.wrench[3 + x] + about[x], own.wrench[6 + x] + turned[x]
+    _face(own, pair)
     _stray(own, _apart(own))
     return own.wrench[0] + along[0], own.wrench[1] + along[1], own.wrench[2] + along[2]
+
+
+@kernel
+def _face(own, pair):
+    """Keep the mean normal of the patch in the axes of the second organ, without force the last one."""
+    active, opposite, out, x, y, z = pair.active, floats(own.opposite), floats(own.across_normal), 0.0, 0.0, 0.0
+    for k in range(active.tally[0].active):
+        i = active.order[k]
+        p = active.force[i]
+        x, y, z = x + p * opposite[i, 0], y + p * opposite[i, 1], z + p * opposite[i, 2]
+    size = np.sqrt(x * x + y * y + z * z)
+    if size > 0.0:
+        put(out, (x / size, y / size, z / size))
 
 
 @kernel

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from palpate.compiler.records import floats, form, integers, lend, longs, put
+from palpate.compiler.records import floats, form, integers, longs, put
 from palpate.messages import Load
 from palpate.messages.contact import MOST_CONTACTS, OrganContact
 from palpate.messages.record import ROOM
@@ -22,6 +22,7 @@ from palpate.nodes.contact.between import (
     pair_of,
     rub_of,
     send_loads,
+    send_ride,
     side_of,
     take_loads,
 )  # fmt: skip
@@ -154,8 +155,7 @@ class Coupled(Between):
                 answer(n, pair_of(n.pair), rub_of(n.rub), side_of(n.one), side_of(n.two), floats(n.normals), out)
                 put(out.resultant, whole)
                 balance_late(n, out)
-        lend(out.torques, m.torques)
-        lend(out.carried, m.carried)
+        send_ride(m, out)
         send_loads(m, out, int(own.loaded[own.place, 0]), int(own.loaded[own.place, 1]))
 
     def explain(self, fault: int, *messages: Any) -> Exception:

@@ -48,10 +48,10 @@ class Side(CompiledNode, OnThinnedSurface):
                 pushes[k, x] = forces[k, x]
         lend_first(out.nodes, own.nodes, count)
         lend_first(out.forces, own.forces, count)
-        n = vector(contact.normal)
+        n, across = vector(contact.normal), floats(contact.across_normal)
         if second:
             put(out.foot, vector(contact.across))
-            put(out.normal, n)
+            put(out.normal, vector(across) if len(across) == 3 else n)
         else:
             put(out.foot, vector(contact.foot))
             put(out.normal, (-n[0], -n[1], -n[2]))

@@ -100,6 +100,8 @@ def test_exchanged_organs_have_the_same_bits(friction):
     for (answers, supports), (others, sides) in zip(one.history, other.history, strict=True):
         assert np.array_equal(np.negative(answers[0].resultant), others[0].resultant)
         assert np.array_equal(answers[0].torques, others[0].torques[::-1])
+        assert np.array_equal(np.negative(answers[0].normal), others[0].across_normal)
+        assert np.array_equal(np.negative(answers[0].across_normal), others[0].normal)
         for a, b in zip(supports, sides, strict=True):
             assert a.displacement == b.displacement and np.array_equal(a.rotation, b.rotation)
 

@@ -8,8 +8,11 @@ import pytest
 from pytest import approx
 from scipy.spatial.transform import Rotation
 
+from palpate.messages.contact import SIDES
 from palpate.messages.tissue import Support
 from palpate.nodes.contact.between import Between
+from palpate.nodes.contact.side import Side
+from palpate.nodes.deformation import ReducedFE
 from palpate.physics.contact.organs.candidates import candidates
 from palpate.physics.contact.organs.surface_cells import surface_cells
 from palpate.physics.geometry.mesh import plane
@@ -118,6 +121,42 @@ def test_exchanged_organs_that_roll_have_the_same_bits():
     )
     assert [each.force for each in one] == [each.force for each in other]
     assert [each.area for each in one] == [each.area for each in other]
+
+
+def test_each_organ_that_rolls_gets_its_load_with_the_normal_in_its_axes():
+    """Organs of finite elements yield to the part of a load along its normal. Rolled by 82 degrees against each other;
+    also with organs exchanged, so that each is the second one once."""
+    path, _, out, turn = roll(15e-3, 0.5)
+    right = np.array([Rotation.from_rotvec(turn).inv().apply(-out), out])  # outwards, of upper and lower organ
+    found = []
+    for exchanged in (False, True):
+        made = contact("ReducedFE", FAR * UP, np.zeros((2, 3)), (1000, 800), exchanged)
+        given = json.loads(made.bodies)
+        sides = [Side(side=side, **each["surface"]) for side, each in zip(SIDES, given, strict=True)]
+        organs = [ReducedFE(**each["settings"]) for each in given]
+        for node in (*sides, *organs):
+            node.start()
+        answers = course(made, [*path, *[path[-1]] * 300], exchanged)
+        for answer in answers[-100:]:
+            loads = [side.step(answer, dt=1e-3)[0] for side in sides]
+            surfaces = [organ.step([load], dt=1e-3) for organ, load in zip(organs, loads, strict=True)]
+        assert answers[-1].across_normal.shape == (3,) and answers[-1].force > 0.05
+        order = slice(None, None, -1 if exchanged else 1)
+        found.append((loads[order], surfaces[order]))
+    for loads, _ in found:
+        for k in range(2):
+            np.testing.assert_allclose(loads[k].normal, right[k], atol=0.02)
+            force = np.sum(loads[k].forces, axis=0)
+            np.testing.assert_allclose(loads[k].normal, -force / np.linalg.norm(force), atol=5e-3)
+    (one, yields), (other, answers) = found
+    for k in range(2):
+        assert one[k].nodes.tolist() == other[k].nodes.tolist()
+        for name in ("normal", "foot", "forces"):
+            a, b = np.array(getattr(one[k], name)), np.array(getattr(other[k], name))
+            np.testing.assert_allclose(a, b, atol=1e-9 * np.abs(a).max(), err_msg=name)
+        a, b = yields[k].displacement, answers[k].displacement
+        assert np.abs(a).max() > 1e-4
+        np.testing.assert_allclose(a, b, atol=1e-9 * np.abs(a).max())
 
 
 def test_a_roll_that_is_too_fast_lacks_force_with_a_note_and_recovers():
