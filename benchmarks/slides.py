@@ -52,6 +52,7 @@ def changes(
         raise SystemExit(f"slides: {body} on {name}: {next(iter(traces.failed.values()))}")
     each = np.linalg.norm(np.diff(traces["controller.force"], axis=1), axis=2)
     near = np.abs(traces["contact.foot"][:, 1:, 1]) < NEAR
+    near &= np.arange(1, near.shape[1] + 1) < traces.ticks[:, None]  # a lane ends with its touch
     return largest_change(traces)[0], np.where(near, each, 0.0).max(axis=1)
 
 

@@ -25,7 +25,7 @@ biweight patch of its second moment,
 1 for a biweight and a Hertzian patch, 0.93 for Wendland's, at least 0.99 on the shipped organs, 0.8, 0.6 and 0.3 in the
 middle of grooves of 2, 4 and 8 mm. w falls from 1 at q = `SCATTERED` to 0 at `COMPACT`.
 
-Under the same loads linear elements have 652, 573 and 606 N/m where this has 683, 599 and 645 N/m, and one patch 715,
+Under the same loads linear elements have 652, 573 and 606 N/m where this has 691, 622 and 663 N/m, and one patch 715,
 707 and 850 N/m (block of the zoo, grooves of 2, 4 and 8 mm, R = 8 mm; `benchmarks/pad_on_groove.py --same-load`).
 """
 
