@@ -1,6 +1,7 @@
 """Contact of two bodies with each other (docs/equations/between.md)."""
 
 import json
+import math
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
@@ -30,6 +31,7 @@ from palpate.physics.geometry.mesh import Mesh
 
 CUBE = array_handle(3)
 OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
+TURNED = 0.5  # [rad] of organs against each other from which their friction is noted to be too small, by 3 %
 GIVEN = 1e-3  # [J] Energy that a contact may generate without a note
 COARSE = 2e-3  # [m] Spacing of the candidates above which a note is printed
 
@@ -240,6 +242,11 @@ def _body(name: str) -> Any:
     if not (isinstance(found, type) and issubclass(found, Node) and hasattr(found, "between")):
         raise SettingError(f"setting 'bodies': found the class {name!r}, expected a body of palpate.nodes.deformation")
     return found
+
+
+def turn_of(relative: np.ndarray) -> float:
+    """Angle [rad] of a rotation matrix (3,3); 0 of one that is not computed."""
+    return math.acos(min(max(0.5 * (float(np.trace(relative)) - 1.0), -1.0), 1.0)) if relative.any() else 0.0
 
 
 class Between(CompiledNode):
@@ -599,6 +606,14 @@ class Between(CompiledNode):
                 f"Between: the foundations slid by up to {1e3 * aside:.3g} mm against each other, more than the "
                 f"{1e3 * cell:.2g} mm between the candidates, which stay where they were at the start: places and "
                 "directions of the forces, and the gaps of curved organs, are approximate",
+            )  # fmt: skip
+        turned = turn_of(self.known["relative"])
+        if turned > TURNED and self.friction > 0.0:
+            self._note_growth(
+                "turned", turned,
+                f"Between: the organs have turned against each other by up to {turned:.2g} rad, where the friction "
+                f"between them is up to {100.0 * (1.0 - math.cos(0.5 * turned)):.2g} % too small: its law is valid for "
+                "turns of some degrees",
             )  # fmt: skip
         if (ended := self.known["ended"]) > 0.0:
             self._note_growth(
