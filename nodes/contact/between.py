@@ -31,7 +31,7 @@ from palpate.physics.geometry.mesh import Mesh
 
 CUBE = array_handle(3)
 OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
-TURNED = 0.5  # [rad] of organs against each other from which their friction is noted to be too small, by 3 %
+LACKS = 0.03  # [1] of their friction, lost where organs have turned against each other, from which a note says so
 GIVEN = 1e-3  # [J] Energy that a contact may generate without a note
 COARSE = 2e-3  # [m] Spacing of the candidates above which a note is printed
 
@@ -244,9 +244,11 @@ def _body(name: str) -> Any:
     return found
 
 
-def turn_of(relative: np.ndarray) -> float:
-    """Angle [rad] of a rotation matrix (3,3); 0 of one that is not computed."""
-    return math.acos(min(max(0.5 * (float(np.trace(relative)) - 1.0), -1.0), 1.0)) if relative.any() else 0.0
+def lacks_by_turning(relative: np.ndarray) -> float:
+    """Part [1] of the friction that is lost after a rotation with this matrix (3,3) by the angle t, 1 - cos(t/2); 0 if
+    none is computed."""
+    trace = float(relative[0, 0] + relative[1, 1] + relative[2, 2])
+    return 1.0 - 0.5 * math.sqrt(max(1.0 + trace, 0.0)) if relative.any() else 0.0
 
 
 class Between(CompiledNode):
@@ -607,13 +609,12 @@ class Between(CompiledNode):
                 f"{1e3 * cell:.2g} mm between the candidates, which stay where they were at the start: places and "
                 "directions of the forces, and the gaps of curved organs, are approximate",
             )  # fmt: skip
-        turned = turn_of(self.known["relative"])
-        if turned > TURNED and self.friction > 0.0:
+        lacks = lacks_by_turning(self.known["relative"])
+        if lacks > LACKS and self.friction > 0.0:
             self._note_growth(
-                "turned", turned,
-                f"Between: the organs have turned against each other by up to {turned:.2g} rad, where the friction "
-                f"between them is up to {100.0 * (1.0 - math.cos(0.5 * turned)):.2g} % too small: its law is valid for "
-                "turns of some degrees",
+                "turned", lacks,
+                f"Between: the organs have turned against each other, so that the friction between them is up to "
+                f"{100.0 * lacks:.2g} % too small: its law is valid for turns of some degrees",
             )  # fmt: skip
         if (ended := self.known["ended"]) > 0.0:
             self._note_growth(

@@ -204,7 +204,7 @@ def test_fine_cells_cover_the_surface_once_and_know_their_neighbours():
 
 
 def test_friction_after_a_large_turn_is_noted_to_be_too_small():
-    """By 1 - cos(t/2) of a turn t, from 0.5 rad on."""
+    """By 1 - cos(t/2) of a turn t, from 3 % on."""
     for way, friction, part in ((10e-3, 0.3, "11 % too small"), (3e-3, 0.3, ""), (10e-3, 0.0, "")):
         made = contact("MassSpring", FAR * UP, ((0, 0, 0), (0, 0, 0)), friction=friction)
         course(made, roll(way, 0.4)[0])
