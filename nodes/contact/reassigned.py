@@ -22,7 +22,7 @@ def reassign(own, track, pair, rub, one, two):
     nearer to the other organ there; of the next ones in turn. Returns the candidate, -1: none; its compliances were
     computed, and `settle` is due in the next step."""
     i, least = _farthest(pair, track.pending)
-    most, cell, beside, divides = BETTER * pair.gap[i] if i >= 0 else 0.0, -1, -1, False
+    most, cell, neighbour, divides = BETTER * pair.gap[i] if i >= 0 else 0.0, -1, -1, False
     fine, count = track.fine == 0, len(track.cell)
     feet, normals = two.place if fine else one.place, floats(own.opposite) if fine else floats(own.normals)
     for _ in range(min(SCANNED, count)):
@@ -35,7 +35,7 @@ def reassign(own, track, pair, rub, one, two):
             and pair.gap[k] - least < NEARER * track.beyond[at]
             and _is_free(pair, track.pending, k)
         ):
-            i, cell, beside, divides = k, track.child[at], k, True
+            i, cell, neighbour, divides = k, track.child[at], k, True
             break
         if track.rim[k] == 0 or i < 0:
             continue
@@ -48,11 +48,11 @@ def reassign(own, track, pair, rub, one, two):
             d = apart(own.relative, own.offset, vector3(track.place, near), f)
             gap = (1.0 if fine else -1.0) * (n[0] * d[0] + n[1] * d[1] + n[2] * d[2])
             if gap < most:
-                cell, beside, most = near, k, gap
+                cell, neighbour, most = near, k, gap
     if cell < 0:
         return -1
     # search all of the other surface, from the triangle of the neighbour on
-    triangle = track.last[track.begins[track.cell[beside]]]
+    triangle = track.last[track.begins[track.cell[neighbour]]]
     for at in range(track.begins[cell], track.begins[cell + 1]):
         track.last[at], track.sure[at] = triangle, 0.0
     found = search_cell(own, track, cell)

@@ -26,6 +26,7 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
 
 
 NEAR = 2e-3  # [m] Largest movement of the feet for which the vertices that may be sent stay listed
+MEAN = 2.40816816  # [1] I of `true_patch`: mean of W over a biweight patch, weighted with the pressure
 LEAST_MOMENT = 0.29  # [1] Mean square distance of a hat function from its vertex over the nodal area: regular triangles
 MOST_FEET = 16  # with more feet they are listed in each step
 

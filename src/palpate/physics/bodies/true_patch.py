@@ -36,8 +36,8 @@ from palpate.compiler.memory import stack_zeros
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
 from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
 from palpate.physics.bodies.hat_distances import mean_inverse_distance
-from palpate.physics.bodies.loads.scattered import MEAN, Means, hat_means, no_means
-from palpate.physics.bodies.patch import LEAST_MOMENT
+from palpate.physics.bodies.loads.scattered import Means, hat_means, no_means
+from palpate.physics.bodies.patch import LEAST_MOMENT, MEAN
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import keep_results
 from palpate.physics.special import patch_depth

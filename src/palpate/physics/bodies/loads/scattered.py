@@ -17,7 +17,7 @@ gamma is the second step of the deconvolution of g by W of R. Gold (ANL-6984, 19
 zero with g, so that a vertex that the load reaches adds to it continuously. (2 g - W g, limited to the vertices of g,
 is nearer to full elements, and made the force jump by 0.2 N when a vertex was reached.) Next to another modulus, where
 g is narrowed as well, it is the first step x. The form is used with the weight w of a load that is scattered. Its
-compactness is the area that a uniform pressure of the same mean would have, over that of a
+compactness is the area of a uniform pressure with the same force and the same integral of its square, over that of a
 biweight patch of its second moment,
 
     q = (sum of g_j²/A_j)^-1 / (5 pi R²/9),
@@ -35,10 +35,9 @@ import numpy as np
 
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
-from palpate.physics.bodies.patch import compactness
+from palpate.physics.bodies.patch import MEAN, compactness
 from palpate.physics.geometry.mesh import Mesh
 
-MEAN = 2.40816816  # [1] mean of the depth of a half-space under a biweight patch, see `true_patch`
 COMPACT, SCATTERED = 0.9, 0.75  # [1] compactness between which w rises from 0 to 1
 UNSEEN = -1.0  # share of a vertex that is not listed yet
 LEAST = 0.1  # [1] lower limit of c_R^-2 over that of g
@@ -119,10 +118,12 @@ def sharpen_load(
     hats [1/m]  g.T g;  radius [m], narrow [1]  see `load_radius`
     """
     means, table = model.true.means, model.true.table
+    if len(means.near) == 0:
+        return radius, 0.0
     compact = compactness(patch, pull, normal, total, model.true.least, radius)
     at = min(max((COMPACT - compact) / (COMPACT - SCATTERED), 0.0), 1.0)
     weight = at * at * (3.0 - 2.0 * at) * max(1.0 - narrow, 0.0)
-    if weight == 0.0 or len(means.near) == 0:
+    if weight == 0.0:
         return radius, 0.0
     near, shares = means.near, means.shares
     # W g and the list of its vertices, those of g first
@@ -150,13 +151,13 @@ def sharpen_load(
         wider += 2.0 * measure[u, 2] * row
     if not narrowed:
         _widen(means, order, touched, measure)
-    total = 0.0
+    whole = 0.0
     for k in range(touched):
-        total += _sharper(measure[order[k]], narrowed)
+        whole += _sharper(measure[order[k]], narrowed)
     for k in range(touched):
         v = order[k]
         before = measure[v, 1] if narrowed else measure[v, 0]
-        measure[v, 1] = before + weight * (_sharper(measure[v], narrowed) / max(total, TINY) - before)
+        measure[v, 1] = before + weight * (_sharper(measure[v], narrowed) / max(whole, TINY) - before)
     for k in range(listed):
         measure[order[k], 2] = 0.0
     if not (hats > 0.0 and wider > 0.0):
