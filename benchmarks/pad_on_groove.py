@@ -44,6 +44,7 @@ from palpate.studies.peers.continuum import grade_axis
 SHOWN = (0.25, 0.5, 1.0)  # [N]
 GROUND = 1e4  # [1/m] foundation of ReducedFE, stiff
 DEPTHS = np.linspace(1e-3, 16e-3, 31)  # [m] of the presses of the graph
+FINEST, COARSEST = 0.5e-3, 2e-3  # [m] elements under the contact
 PLACE = 0.3e-3  # [m] x of the presses, off the plane of symmetry
 YOUNG, LEAST = 60e3, 0.01  # [Pa], [N] of the first step that counts
 
@@ -150,6 +151,10 @@ def main() -> None:
     given = parser.parse_args()
     if unknown := [width for width in given.widths if width not in gaps.GROOVES]:
         parser.error(f"width: found {unknown[0]:g}, expected one of {', '.join(f'{w:g}' for w in gaps.GROOVES)}")
+    if not FINEST <= given.size <= COARSEST:
+        parser.error(f"--size: found {given.size:g} m, expected {FINEST:g} to {COARSEST:g} m")
+    if not given.finger > 0.0:
+        parser.error(f"--finger: found {given.finger:g} Pa, expected more than 0")
     rows = {}
     with tempfile.TemporaryDirectory() as name:
         for width in (0.0, *given.widths):
