@@ -469,6 +469,20 @@ def test_columns_read_in_blocks_are_the_same(tmp_path, monkeypatch):
         assert values.dtype == blocks[name].dtype and np.array_equal(values, blocks[name])
 
 
+@pytest.mark.parametrize(("path", "said"), [(0.0, True), (2e-3, True), (10e-3, False), (48e-3, False)])
+def test_a_loop_is_dissipated_energy_only_where_the_finger_stays(tmp_path, path, said):
+    """A finger that slides to a stiffer place without any loss: the area of its loop is -0.3 mJ."""
+    depth = 3e-3 * np.sin(np.linspace(0.0, np.pi, 400))
+    along = np.linspace(0.0, path, 400)
+    touch = [
+        press(d, (300.0 + 100.0 * (k > 200)) * d, (x, 0.0, 0.105))
+        for k, (d, x) in enumerate(zip(depth, along, strict=True))
+    ]
+    record(tmp_path / "r.mcap", {"contact": touch})
+    titles = [axes.get_title() for axes in force.draw_picture(TouchStreams(Recording(tmp_path / "r.mcap"))).axes]
+    assert [("dissipated" in title) for title in titles] == [said] * len(titles) != []
+
+
 def test_a_sensor_and_a_probe_without_a_model_have_a_picture_of_force_over_depth(tmp_path):
     depths = [0.0] * 5 + [1e-4 * k for k in range(20)]
     felt = [press(0.0, 300.0 * depth) for depth in depths]

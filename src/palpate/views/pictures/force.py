@@ -19,7 +19,7 @@ STILL = 4e-3  # [m/s] largest rate of a hold, in a noisy approach
 SLOW = 0.2  # [1] the same as a fraction of the fastest rate; in a quiet approach as a fraction of the mean rate
 LEAST_HOLD = 0.02  # [s] shorter holds are not marked
 LEAST_STEP = 0.01  # [1] of the largest force; smaller steps of a bundle of beams are not reported
-FIXED = 3e-3  # [m] largest extent of the foot points of a press; of a touch with a larger one the title reports it
+FIXED = 3e-3  # [m] largest extent of the foot points of a press; beyond it, the loop's area is no dissipated energy
 
 
 def draw_picture(touch: TouchStreams) -> Figure | None:
@@ -36,7 +36,8 @@ def draw_picture(touch: TouchStreams) -> Figure | None:
     depths = _shown(contact, measured)
     chosen = min(slices, key=lambda part: np.linalg.norm(np.diff(contact["foot"][part], axis=0), axis=1).sum())
     moved = float(np.linalg.norm(np.ptp(contact["foot"][chosen], axis=0)))
-    slid = f"  (the finger moved {1e3 * moved:.0f} mm along the surface)" if moved > FIXED else ""
+    at_one_place = moved <= FIXED
+    slid = "" if at_one_place else f"  (the finger moved {1e3 * moved:.0f} mm along the surface)"
     # One panel per depth, with the loop of the chosen touch over the other touches.
     sent = touch[ForceBand]
     band = [] if sent is None else together(sent, contact)
@@ -53,8 +54,10 @@ def draw_picture(touch: TouchStreams) -> Figure | None:
                 smooth = smooth_force(contact["force"][other], contact["time"][other])
                 axes.plot(depth[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
         _loop(axes, depth[chosen], contact["force"][chosen], contact["time"][chosen])
+        # The area of the loop is dissipated energy only where the stiffness stays the same.
         loop = millijoules(work(depth[chosen], contact["force"][chosen]))
-        axes.set(xlabel=label, title=f"{whose}: {loop} dissipated", xlim=(0.0, None), ylim=(0.0, None))
+        title = f"{whose}: {loop} dissipated" if at_one_place else whose
+        axes.set(xlabel=label, title=title, xlim=(0.0, None), ylim=(0.0, None))
         axes.locator_params(axis="x", nbins=6)
     if not measured and depths[0][1] is contact["compression"]:
         _limit(left, touch, depths[0][1])
