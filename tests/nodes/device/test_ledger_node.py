@@ -155,7 +155,6 @@ HANDS = {"kidney": ["controller", "finger"], TWO: ["controller-1", "finger-1", "
     ("kidney", ["tissue.stiffness=1500", "scene.energy.ledger=on", "device.delay=2", "controller.delay=2"], 2),
     (TWO, [], 0),
 ], ids=["stiff", "reduced", "late", "two fingers"])  # fmt: skip
-@pytest.mark.notes(STIFF, sets=["tissue.stiffness=3000", "scene.energy.ledger=on"])
 @pytest.mark.notes(UNTAKEN, sets=["tissue.use=deformation.ReducedFE", "scene.energy.ledger=on"])
 @pytest.mark.notes(FLAT, STIFF, "the display generated", late=2)
 def test_the_work_of_the_hand_is_that_of_the_streams(graph, sets, late, write):

@@ -1,10 +1,12 @@
 """The limit of the slope of a contact force, and the measured slope: each rule computed by hand, step by step."""
 
+from math import exp
+
 import pytest
 from pytest import approx
 
 from palpate.compiler.fields import blank_record
-from palpate.physics.device.rendered import FORGET, GAUGE, WALL, slope, soften
+from palpate.physics.device.rendered import FORGET, GAUGE, WALL, is_steep, rejoin, slope, soften
 
 MOST, STEP, DT = 1000.0, 1e-4, 1e-3  # [N/m], [m], [s]
 
@@ -85,6 +87,37 @@ def test_a_slope_is_measured_from_the_contact_and_then_over_each_span():
     assert slope(gauge, 1.8, -3e-4, span) == 0.0  # a force that rises during unloading has no slope
     assert slope(gauge, 1.2, -3e-4, span) == approx(2000.0)
     assert slope(gauge, 0.0, 1e-4, span) == 0.0 and gauge.item() == (0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("gauge", "force", "steep"),
+    [
+        (dict(), 0.1, True),  # contact begins: not known yet,
+        (dict(depth=0.9e-4), 0.01, True),
+        (dict(depth=1.1e-4), 0.1, False),  # 910 N/m since it began
+        (dict(depth=1.1e-4), 0.12, True),
+        (dict(depth=-1.1e-4), 0.12, False),  # it rises while the finger moves out: something else presses
+        (dict(depth=2e-3, mark=1e-3, mark_force=2.0, slope=900.0), 2.9, False),
+        (dict(depth=2e-3, mark=1e-3, mark_force=2.0, slope=900.0), 3.1, True),  # steep from the last span on,
+        (dict(depth=1e-3, mark=2e-3, mark_force=2.0, slope=900.0), 0.9, True),  # and outwards,
+        (dict(depth=1e-3, mark=2e-3, mark_force=2.0, slope=900.0), 3.1, False),
+        (dict(depth=1.05e-3, mark=1e-3, mark_force=2.0, slope=900.0), 2.9, False),  # a change within a step
+        (dict(depth=1.05e-3, mark=1e-3, mark_force=2.0, slope=1100.0), 2.0, True),  # in the last span
+    ],
+)
+def test_a_law_is_steep_by_its_slope_over_some_steps_of_the_position(gauge, force, steep):
+    assert is_steep(blank_record(GAUGE, **gauge), force, MOST, STEP) == steep
+
+
+@pytest.mark.parametrize("dt", [DT, 0.125 * DT])
+def test_a_line_returns_to_a_law_that_is_not_steep_within_10_ms(dt):
+    wall, shown = blank_record(WALL, line=1.0, law=3.0, cut=True), 1.0
+    for step in range(1, 30):
+        shown = rejoin(wall, shown, dt)
+        assert shown == wall.line == approx(3.0 - 2.0 * exp(-step * dt / FORGET))
+    assert rejoin(blank_record(WALL, line=1.0, law=3.0, cut=False), 3.0, dt) == 3.0
+    below = blank_record(WALL, line=4.0, law=3.0, cut=True)
+    assert rejoin(below, 3.0, dt) == 3.0 and below.line == 4.0
 
 
 @pytest.mark.parametrize("given", [(5.0, 1e-3, 1e-5, 0.0), (5.0, 1e-3, 0.0, 0.7), (5.0, -3e-4, 0.0, 0.0)])

@@ -11,8 +11,8 @@ terms of both laws is added to the force and fades out, so the force is continuo
 
 The rendered contact force is no stiffer than the loop allows (rendered.py). The passivity observer, E <- E - F . dx,
 pairs each displacement with the force of `delay` samples before, the force that acted on the hand during it. At a
-change of mode positive energy is discarded, and negative energy is kept (at most 10 mJ, so that rounding errors do not
-accumulate); otherwise every bounce on a stiff wall would add energy.
+change of mode positive energy is discarded, and negative energy is kept; otherwise every bounce on a stiff wall would
+add energy.
 
 Negative energy need not come from this controller: two fingers exchange energy through the tissue. Dissipating it
 within one step would be a kick (0.5 mJ at 0.1 m/s: 5 N). So the damping force changes over a motion dx by at most
@@ -41,7 +41,18 @@ from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.records import clear, put, vector
 from palpate.physics.arrays import Array, Record, Vector3
 from palpate.physics.device.passivity import absorbed_energy, clamp, dissipation, slew
-from palpate.physics.device.rendered import GAUGE, LEAP, SPAN, WALL, compensation, slope, soften, stiffest
+from palpate.physics.device.rendered import (
+    GAUGE,
+    LEAP,
+    SPAN,
+    WALL,
+    compensation,
+    is_steep,
+    rejoin,
+    slope,
+    soften,
+    stiffest,
+)
 
 GAINS = {
     "stiffness": (), "damping": (), "contact_damping": (),  # Kp [N/m], Kd, Kdc [N s/m]
@@ -82,7 +93,6 @@ SMOOTH = 0.5e-3  # [s] time constant of that speed's filter: one count per step 
 FADE = 0.01  # [s] time constant with which the difference of the two laws decays after a change of mode
 FILTER_LAG = 8e-3  # [s] settling time of the encoder's observer after a change of speed
 RECOVERY = 10.0  # [N/s] by which the rendered force may rise without motion after an outage
-CARRIED = 1e-2  # [J] largest negative energy that is kept at a change of mode
 
 
 def rings(delay: int) -> Past:
@@ -184,8 +194,10 @@ def render(
     most = stiffest(gains.mass, gains.drag, gains.resolution, lag)
     if state.rise > 0.0:  # after an outage the force also rises while the finger rests
         state.wall.line += RECOVERY * dt
+    steepness = slope(state.gauge, force, -along, SPAN * gains.resolution)
     shown = soften(state.wall, force, approach, -along, sideways, most, gains.resolution, dt)
-    steepness = slope(state.gauge, shown, -along, SPAN * gains.resolution)
+    if not is_steep(state.gauge, force, most, 0.25 * SPAN * gains.resolution):
+        shown = rejoin(state.wall, shown, dt)
     elapsed = state.clock - past.time[before]
     if shown == 0.0 or not elapsed > 0.0:
         return shown, shown
@@ -240,7 +252,7 @@ def switch(
             state.anchor[i] = position[i]
             state.offset[i] += old - assist(gains, new, state, i, position[i], velocity[i])
         whole = state.withheld == 0.0  # an outage does not end a touch
-        state.energy = min(max(state.energy, -CARRIED), 0.0 if whole else state.energy)
+        state.energy = min(state.energy, 0.0 if whole else state.energy)
         state.contact = new
         if not new and whole:
             state.rise = 0.0

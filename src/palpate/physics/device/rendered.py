@@ -13,8 +13,16 @@ below about sqrt(SHARE).
 A steeper law is replaced by a line of the largest stiffness from the point where it became too steep, until the law
 falls below that line. A softer law is rendered unchanged.
 
+Whether a law is steep shows in its slope over some steps of the position. In a single tick the force also changes
+without motion: by the viscosity of a finger whose speed varies, or since something else presses on it. Then it may rise
+while the finger moves out, and the line begins. The line follows each fall of the force and no such rise, so that on a
+soft tissue it would fall away from the law, tick by tick, in a slow retreat. Where the law is not steep it therefore
+returns to it within `FORGET`.
+
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound b > K T (d + 1/2).
 """
+
+import math
 
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.records import clear
@@ -24,7 +32,7 @@ SHARE = 0.01
 MOST = 1e12  # [N/m]
 LEAP = 0.1  # [N] largest change of force over one step of the position
 SPAN = 8.0  # [1] steps of the device's position over which a slope is measured
-FORGET = 0.01  # [s] time below the line after which the line is dropped
+FORGET = 0.01  # [s] time below the line after which it is dropped, and in which it returns to a law that is not steep
 WALL = {"line": (), "law": (), "cut": bool, "below": ()}
 """The line [N] that bounds the force, the last contact force [N], whether the line is active, and the time [s] that the
 force has been below it."""
@@ -79,7 +87,7 @@ def soften(
 
 @kernel
 def slope(gauge: Record, force: float, way: float, span: float):
-    """Slope [N/m] of the rendered force over the last `span` [m], at first since contact began; 0 without contact.
+    """Slope [N/m] of the contact force over the last `span` [m], at first since contact began; 0 without contact.
 
     gauge       `GAUGE`, changed in place
     way    [m]  motion into the surface since the last step
@@ -95,6 +103,33 @@ def slope(gauge: Record, force: float, way: float, span: float):
     if abs(length) >= span:
         gauge.mark, gauge.mark_force = gauge.depth, force
     return gauge.slope
+
+
+@kernel
+def is_steep(gauge: Record, force: float, most: float, least: float):
+    """Whether the law is steeper than `most` [N/m] over its last span, or from there on if that is `least` [m] or more;
+    also in the first `least` of a contact, where that is not known.
+
+    gauge, force  as of `slope`, which has seen this step
+    """
+    length = gauge.depth - gauge.mark
+    if length == 0.0 or abs(length) < least:
+        return gauge.slope > most or (gauge.mark == 0.0 and gauge.mark_force == 0.0)
+    return gauge.slope > most or (force - gauge.mark_force) / length > most
+
+
+@kernel
+def rejoin(wall: Record, shown: float, dt: float):
+    """The rendered force [N] where the law is not steep: its line returns to the law.
+
+    wall   `WALL` after `soften`, changed in place
+    shown  [N]  of `soften`
+    dt     [s]
+    """
+    if not wall.cut or shown >= wall.law:
+        return shown
+    wall.line += (wall.law - wall.line) * -math.expm1(-dt / FORGET)
+    return wall.line
 
 
 @kernel

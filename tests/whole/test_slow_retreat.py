@@ -1,0 +1,40 @@
+"""A slow retreat from tissue: the hand feels the force of the contact until it ends."""
+
+import numpy as np
+import pytest
+from streams import read
+
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.messages import Contact, Force
+from palpate.records.reader import Recording
+
+
+def lack(path, *sets, duration):
+    """The contact force [N] (k), and what the hand lacks of it along the normal."""
+    launch = find("kidney").but(duration=duration, record=path, place="fused", overrides=sets)
+    assert execute(launch).result.ok
+    touched, given = read(Recording(path), contact=Contact, controller=Force)
+    force = np.array([c.force for c in touched])
+    return force, force - np.einsum("ij,ij->i", [f.force for f in given], [c.normal for c in touched])
+
+
+@pytest.mark.parametrize("body", ["MassSpring", "BeamBundle", "ReducedFE"])
+@pytest.mark.parametrize("seconds", [0.5, 2.0])
+def test_the_hand_loses_no_force_in_a_retreat_of_6_mm(body, seconds, tmp_path):
+    """The stiffness of the kidney under a finger is a sixth of what a Falcon renders."""
+    out = f"{{to: [0, 0, 0.1035], time: {seconds}}}"
+    path = f"[{{to: [0, 0, 0.0975], time: 0.4}}, {{hold: 0.2}}, {out}, {{hold: 0.3}}]"
+    sets = f"tissue.use=deformation.{body}", f"scene.hand.path={path}", "scene.surface.vertices=2000"
+    force, lacks = lack(tmp_path / "run.mcap", *sets, duration=0.9 + seconds)
+    assert force.max() > 1.0
+    assert lacks.max() < 0.05 and np.mean(lacks[force > 0.2]) < 0.005
+
+
+@pytest.mark.parametrize("period", [2.0, 4.0])
+def test_the_hand_feels_an_organ_that_rises_and_sinks_under_it(period, tmp_path):
+    breath = f"{{breathing: {{moves: [tissue], amplitude: [0, 0, 12 mm], period: {period}, waveform: breathing}}}}"
+    sets = f"scene.motions={breath}", "scene.hand.path=[{to: [0, 0, 0.1005], time: 0.5}, {hold: 8}]"
+    force, lacks = lack(tmp_path / "run.mcap", *sets, "scene.surface.vertices=2000", duration=period + 1.0)
+    assert force.max() > 2.0
+    assert lacks.max() < 0.06 and np.mean(lacks[force > 0.2]) < 0.01
