@@ -272,8 +272,8 @@ def test_a_slow_retreat_from_soft_viscous_tissue_keeps_its_force(seconds, resolu
         *shown, _, _ = haptic(gains(resolution), state, past, force, n, STILL, depth, tuple(-depth * n), STILL, T)
         forces.append(force)
         lacks.append(force - np.array(shown) @ n)
-    lacks = np.array(lacks)[t > 0.45]  # contact begins with a jump of the viscous force, which is limited
-    assert max(forces) > 2.0 and lacks.max() < 0.05 and lacks.mean() < 0.005
+    lacks = np.array(lacks)[t > 0.51]  # contact and retreat begin with jumps of the viscous force, which are limited
+    assert max(forces) > 2.0 and lacks.max() < 0.03 and lacks.mean() < 0.01
 
 
 def test_the_spring_of_free_motion_pulls_to_its_start():
