@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from expected_notes import FAST, LEAPT, REFINED, STIFF, UNTAKEN
+from expected_notes import FAST, LEAPT, REFINED, UNTAKEN
 from pytest import approx
 from scipy.optimize import brentq
 
@@ -142,9 +142,9 @@ def test_a_force_is_explained_at_its_place(slide):
     share = trace.static[pressed[::40]] / rest
     foot = trace["contact.foot"]
     moved = np.linalg.norm(foot[np.minimum(pressed[::40] + 10, len(foot) - 1)] - foot[pressed[::40] - 10], axis=1)
-    slow = moved < 0.4e-3
+    slow = moved < 0.3e-3
     # a foot that passes from the base to the side within its window has the largest force of the places there
-    assert share.min() > 0.97 and share[slow].max() < 1.1 and slow.sum() > 15
+    assert share.min() > 0.97 and share[slow].max() < 1.15 and slow.sum() > 15
     places = np.diff(trace["contact.foot"][trace.visited], axis=0)
     assert 8 < len(trace.visited) < 40 and np.linalg.norm(places, axis=1).max() < 5e-3
 
@@ -173,7 +173,28 @@ def test_a_force_above_the_quasi_static_one_is_found(presses):
     assert all(
         "force" in found for found in broken(changed(presses, **{"contact.force": 1.3 * presses["contact.force"]}))
     )
-    assert not any(broken(changed(presses, **{"contact.force": 1.1 * presses["contact.force"]})))
+    both = {name: 1.1 * presses[name] for name in ("contact.force", "controller.force")}
+    assert not any(broken(changed(presses, **both)))
+
+
+@pytest.mark.parametrize(("share", "found"), [(1.0, set()), (0.97, set()), (0.8, {"felt"})])
+def test_a_hand_that_lacks_force_is_found(presses, share, found):
+    lost = changed(presses, **{"controller.force": share * presses["controller.force"]})
+    assert broken(lost)[-1] == found
+
+
+def test_a_hand_need_not_feel_a_contact_stiffer_than_the_device_renders(presses):
+    """At ten times the count of an encoder it renders a tenth of the stiffness."""
+    nodes = presses.nodes | {"controller": presses.nodes["controller"] | {"resolution": 600e-6}}
+    lost = changed(presses, **{"controller.force": 0.8 * presses["controller.force"]})
+    assert "felt" not in broken(dataclasses.replace(lost, nodes=nodes))[-1]
+
+
+def test_beyond_the_thickness_of_the_fingertip_a_force_is_not_judged(presses):
+    force, compression = 10.0 * presses["contact.force"], presses["contact.compression"].copy()
+    assert "force" in broken(changed(presses, **{"contact.force": force}))[-1]
+    compression += 4e-3
+    assert "force" not in broken(changed(presses, **{"contact.force": force, "contact.compression": compression}))[-1]
 
 
 def test_a_large_lateral_force_is_found(presses):
@@ -226,7 +247,7 @@ def test_values_that_are_not_numbers_and_lanes_that_stop_are_found(presses):
     assert broken(dataclasses.replace(presses, failed={1: "node 'tissue' failed"}))[1] == {"finite"}
 
 
-@pytest.mark.notes(UNTAKEN, REFINED, LEAPT, FAST, STIFF)
+@pytest.mark.notes(UNTAKEN, REFINED, LEAPT, FAST)
 def test_a_touch_is_the_run_of_its_command(folder, tmp_path):
     """The lane of a search and `palpate run` with the settings of the printed command give the same bytes."""
     import palpate

@@ -5,11 +5,12 @@ A score is a value over its bound: above 1 the invariant is broken.
 force    contact force <= 0.03 N + 1.2 x the force of the series law at the greatest approach e, approach rate v and
          speed along the surface u of the last 60 ms, of the finger, or of its foot up to twice that (`reference`). At
          rest it is the quasi-static force of the depth. v is a mean over 2 ms along the normal, or that of the finger
-         towards the point of the surface that is nearest now: one that slides into a wall, or starts, approaches at
-         its speed. A patch that rolls over a rim indents another face, whose tissue has not yielded: its rate e (omega
-         - u/8 mm), omega the turn of the normal within 0.5 ms and u the speed along the surface, counts for a body
-         with a memory of the place. Under two fingers e and v are those to the surface that the other finger lifts, by
-         at most 1.2 x its force by this law.
+         towards the point of the surface that is nearest now: one that slides into a wall, or starts, approaches at its
+         speed. A patch that rolls over a rim indents another face, whose tissue has not yielded: its rate e (omega -
+         u/8 mm), omega the turn of the normal within 0.5 ms and u the speed along the surface, counts for a body with a
+         memory of the place. Beyond the thickness of the fingertip's soft tissue its law, and so the force, is not
+         valid, as a note of the run says: it is exponential, and 0.2 mm are 35 %. Under two fingers e and v are those
+         to the surface that the other finger lifts, by at most 1.2 x its force by this law.
 hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f/R) w + B (dv + v w/R + v at the first
          contact) + (f - f_0) W/2 ms) + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + 0.1 N, where
          w, dv, v: path, change of velocity and speed of the *finger* within W and two steps before. The foot does not
@@ -30,7 +31,8 @@ hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f
          contact would also end. After a contact it may fall to zero at that slope. While a finger moves out by less
          than an encoder step and a half, the controller may hold a force that falls, as by another finger, for a step
          (`device.rendered`): the fall of the step before counts too.
-contact  the same of f n + lateral force, before the controller limits its rate.
+felt     what the hand lacks of the contact's force while that is soft (`felt`).
+contact  the same as `hand` of f n + lateral force, before the controller limits its rate.
 lateral  force along the surface without friction <= 0.5 f + 0.05 N; a body whose stiffness changes by a factor e within
          30 mm pulls with s/(2 x 30 mm), 0.17 f at 10 mm.
 rubbing  friction <= (max(mu_s, a mu_s + sigma_1 v) + sigma_2 v + 0.05) f + 0.02 N. Bristles that are bent add sigma_1
@@ -51,6 +53,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.studies.organs.felt import lacks
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.score import Score
 from palpate.studies.organs.side import side
@@ -88,6 +91,7 @@ def worst(trace: Trace, values: np.ndarray, bounds: np.ndarray, start: int = 0) 
 
 def force(trace: Trace) -> Score:
     f, fast = trace["contact.force"], trace.fast
+    f = np.where(trace["contact.compression"] > trace.valid, 0.0, f)
     # candidates: the largest force, and the largest for its depth, at any speed and of a slow finger
     found = Score(0.0, 0.0, 0.0, 0.0)
     share = np.where(f > LEAST_FORCE, f / (trace.explained + 1e-3), 0.0)
@@ -233,12 +237,16 @@ def energy_gain(trace: Trace) -> Score:
     return Score(max(gain, 0.0) / bound, len(p) * trace.step, gain, bound)
 
 
+def felt(trace: Trace) -> Score:
+    return lacks(trace, _observed(trace))
+
+
 INVARIANTS: dict[str, Callable[[Trace], Score]] = {
-    "force": force, "hand": hand, "contact": contact, "lateral": lateral, "rubbing": rubbing, "still": still,
-    "energy": energy_gain, "side": side,
+    "force": force, "hand": hand, "felt": felt, "contact": contact, "lateral": lateral, "rubbing": rubbing,
+    "still": still, "energy": energy_gain, "side": side,
 }  # fmt: skip
-UNITS = {"force": "N", "hand": "N", "contact": "N", "lateral": "N", "rubbing": "N", "still": "rad", "energy": "J",
-         "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak",
+UNITS = {"force": "N", "hand": "N", "felt": "N", "contact": "N", "lateral": "N", "rubbing": "N", "still": "rad",
+         "energy": "J", "side": "m or rad", "finite": "1", "turned": "of the peak", "refined": "of the peak",
          "merged": "N", "turns": "rad", "gap": "N", "groove": "N", "slide": "N", "sideways": "1", "same": "N",
          "spun": "N", "again": "m"}  # fmt: skip
 

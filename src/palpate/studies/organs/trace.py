@@ -46,6 +46,12 @@ class Trace:
     def __getitem__(self, name: str) -> np.ndarray:
         return self.values[name]
 
+    @property
+    def valid(self) -> float:
+        """Largest compression [m] for which the law of the fingertip is valid."""
+        thickness = (self.nodes.get("joint") or self.nodes["contact"])["thickness"]
+        return float(thickness) if thickness > 0.0 else np.inf
+
     def place(self, tick: int) -> Place:
         """Finger and body at rest at the foot of a tick."""
         if tick not in self.places:

@@ -1,0 +1,47 @@
+"""What the hand lacks of the contact's force: a lower bound, since every other bound is an upper one.
+
+felt     mean over 50 ms of the contact's force, less what of it acts on the hand, <= 5 % of it + 0.05 N + B v, while
+         the contact is softer than `SOFT` x the stiffest law that the device renders (`device.rendered`), no generated
+         energy is dissipated, and the force is below the device's limit. B v is the damping that compensates the
+         loop's lag, of a finger that moves out at v.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.physics.device.rendered import compensation, stiffest
+from palpate.studies.organs.score import Score
+from palpate.studies.organs.trace import LEAST_FORCE, Trace, greatest, length
+
+SPAN = 50e-3  # [s]
+SHARE, SLACK = 0.05, 0.05  # [1], [N]
+SOFT = 0.5  # [1]
+
+
+def lacks(trace: Trace, observed: np.ndarray) -> Score:
+    """The score, see above; `observed` [J] (T): the energy that the display has absorbed."""
+    from scipy.ndimage import uniform_filter1d
+
+    n, node, f = trace.ticks(SPAN), trace.nodes["controller"], trace["contact.force"]
+    if len(f) <= n or not f.max() > LEAST_FORCE:
+        return Score(0.0, 0.0, 0.0, 0.0)
+    given = f[:, None] * trace["contact.normal"] + trace["contact.lateral_force"]
+    if "friction.force" in trace.values:
+        given = given - trace["friction.force"]
+    size = length(given)
+    lack = size - np.einsum("ti,ti->t", given, trace["controller.force"]) / np.maximum(size, 1e-12)
+    # where the law is soft: fingertip and body in series, each at its stiffest
+    lag = (node["delay"] + 0.5) * trace.step
+    most = stiffest.py_func(node["mass"], node["drag"], node["resolution"], lag)
+    one = np.interp(f, trace.rest.forces, trace.rest.tangents)
+    body = 1.5 * trace.at_places(lambda place, _: place.stiffness(max(float(f.max()), LEAST_FORCE)))
+    soft = greatest(one * body / (one + body), n) < SOFT * most
+    calm = soft & (greatest(-observed, n) <= 0.0) & (greatest(size, n) < 0.9 * node["limit"])
+    calm &= -greatest(-f, n) > LEAST_FORCE
+    out = np.maximum(np.einsum("ti,ti->t", trace["finger.velocity"], trace["contact.normal"]), 0.0)
+    allowed = SHARE * size + SLACK + compensation.py_func(SOFT * most, lag, node["drag"]) * out
+    mean, bound = (uniform_filter1d(each, n, origin=(n - 1) // 2) for each in (lack, allowed))
+    share = np.where(calm, mean / bound, 0.0)
+    k = int(np.argmax(share))
+    return Score(max(float(share[k]), 0.0), k * trace.step, float(mean[k]), float(bound[k]))
