@@ -28,7 +28,7 @@ STAYS = {
     "physics/fingertip/stick_slip.py _newton": "one Newton iteration with its line search, compiled",
     "physics/geometry/closest.py track": "one search along a surface, compiled",
     "physics/geometry/newton.py newton": "one Newton iteration with its line search, compiled",
-    "studies/organs/side.py side": "one pass over the ticks of a touch, which keeps what was before",
+    "studies/organs/bounds/side.py side": "one pass over the ticks of a touch, which keeps what was before",
 }
 
 

@@ -184,7 +184,7 @@ def test_a_hand_that_lacks_force_is_found(presses, share, found):
 
 
 def test_a_hand_need_not_feel_a_contact_stiffer_than_the_device_renders(presses):
-    """At ten times the count of an encoder it renders a tenth of the stiffness."""
+    """With an encoder of ten times the count it renders 167 N/m."""
     nodes = presses.nodes | {"controller": presses.nodes["controller"] | {"resolution": 600e-6}}
     lost = changed(presses, **{"controller.force": 0.8 * presses["controller.force"]})
     assert "felt" not in broken(dataclasses.replace(lost, nodes=nodes))[-1]

@@ -9,7 +9,7 @@ force    contact force <= 0.03 N + 1.2 x the force of the series law at the grea
          speed. A patch that rolls over a rim indents another face, whose tissue has not yielded: its rate e (omega -
          u/8 mm), omega the turn of the normal within 0.5 ms and u the speed along the surface, counts for a body with a
          memory of the place. Beyond the thickness of the fingertip's soft tissue its law, and so the force, is not
-         valid, as a note of the run says: it is exponential, and 0.2 mm are 35 %. Under two fingers e and v are those
+         valid, as a note reports: it is exponential, and 0.2 mm are 35 %. Under two fingers e and v are those
          to the surface that the other finger lifts, by at most 1.2 x its force by this law.
 hand     change of the force on the hand within W = 1 ms <= (1 + m²)^½ ((k + f/R) w + B (dv + v w/R + v at the first
          contact) + (f - f_0) W/2 ms) + f (sigma_0 w + (sigma_1 + sigma_2) dv) + k_t w + 0.1 N, where
@@ -53,10 +53,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.studies.organs.felt import lacks
+from palpate.studies.organs.bounds.felt import lacks
+from palpate.studies.organs.bounds.side import side
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.score import Score
-from palpate.studies.organs.side import side
 from palpate.studies.organs.trace import (
     ABOVE,
     LEAST_CURVATURE,

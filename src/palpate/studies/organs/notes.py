@@ -20,8 +20,8 @@ from palpate.launch.run.reports import Note, Report
 from palpate.launch.run.work.simulated import run_simulated
 from palpate.launch.run.work.worker import Worker
 from palpate.physics.geometry.mesh import Mesh
+from palpate.studies.organs.bounds.side import EVERY, MOVES
 from palpate.studies.organs.runs import launch
-from palpate.studies.organs.side import EVERY, MOVES
 from palpate.studies.organs.touches import Touch
 from palpate.studies.organs.trace import LEAST_FORCE, PATCH, Trace, length
 
