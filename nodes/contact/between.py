@@ -1,7 +1,6 @@
 """Contact of two bodies with each other (docs/equations/between.md)."""
 
 import json
-import math
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
@@ -19,6 +18,7 @@ from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, press_on, ride_on
 from palpate.nodes.contact.followed import follow, jumped, renew_factor
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, measure_along, tangents_of
+from palpate.physics.bodies.floating.turning import times_back
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import following
@@ -26,12 +26,12 @@ from palpate.physics.contact.organs.between_rows import SPRINGS, Law
 from palpate.physics.contact.organs.borders import contact_area
 from palpate.physics.contact.organs.candidates import Candidates, Shares, candidates
 from palpate.physics.contact.organs.rigid_motion import RIDE
-from palpate.physics.contact.organs.rubbing import Rubbing, open_by_friction, rubbing, step_rubbing
+from palpate.physics.contact.organs.rubbing import Rubbing, rubbing, step_rubbing
+from palpate.physics.contact.organs.rubbing_patch import open_by_friction
 from palpate.physics.geometry.mesh import Mesh
 
 CUBE = array_handle(3)
 OVERLAP = 1e-5  # [m] Overlap of two surfaces at the start above which they are refused
-LACKS = 0.03  # [1] of their friction, lost where organs have turned against each other, from which a note says so
 GIVEN = 1e-3  # [J] Energy that a contact may generate without a note
 COARSE = 2e-3  # [m] Spacing of the candidates above which a note is printed
 
@@ -124,8 +124,8 @@ def take_loads(load, fingers, side, others, opened, pressing, aside, moved):
 
 @ieee_kernel
 def spread_forces(pair, side, rubs, sign):
-    """Fill nodes and forces of a side's load with the forces of the candidates, `sign` (p n + friction [N] (m,3));
-    returns the number of nodes."""
+    """Fill nodes and forces of a side's load with the forces of the candidates, `sign` p n and the friction `rubs` [N]
+    (m,3); returns the number of nodes."""
     count, active, normal = 0, pair.active, side.normal
     for k in range(active.tally[0].active):
         i = active.order[k]
@@ -141,7 +141,7 @@ def spread_forces(pair, side, rubs, sign):
             for x in range(3):
                 given = force * normal[i, x]
                 if len(rubs) > 0:
-                    given += sign * rubs[i, x]
+                    given += rubs[i, x]
                 side.forces[side.slot[v], x] += side.shares[at] * given
     for k in range(count):
         side.slot[side.nodes[k]] = -1
@@ -177,25 +177,17 @@ def summarise(own, pair, first, second, normal, out):
     put(out.normal, vector(own.normal))
 
 
-@kernel
-def summed(rub):
-    """Friction [N] (3) on the first body."""
-    x = y = z = 0.0
-    for i in range(len(rub.force)):
-        x, y, z = x + rub.force[i, 0], y + rub.force[i, 1], z + rub.force[i, 2]
-    return x, y, z
-
-
 @ieee_kernel
 def answer(own, pair, rub, one, two, normal, out):
-    """Fill the message, except for the loads, and for what moves with foundations; `out.friction` is known."""
+    """Fill the message, except for the loads, and for what moves with foundations."""
     lend(out.first_yields, own.yields)
     lend(out.second_yields, own.returns)
     summarise(own, pair, one, two, normal, out)
     balance = rub.balance[0]
     out.stored, out.dissipated = balance.stored, pair.past[0].dissipated + balance.dissipated
     out.generated = pair.past[0].generated
-    put(out.slip, vector(rub.speed))
+    put(out.friction, times_back(rub.axes[0], rub.pull))
+    put(out.slip, times_back(rub.axes[0], rub.speed))
     for x in range(3):
         out.resultant[x] += out.friction[x]
     own.penetrates[0] = max(own.penetrates[0], -out.gap)
@@ -242,13 +234,6 @@ def _body(name: str) -> Any:
     if not (isinstance(found, type) and issubclass(found, Node) and hasattr(found, "between")):
         raise SettingError(f"setting 'bodies': found the class {name!r}, expected a body of palpate.nodes.deformation")
     return found
-
-
-def lacks_by_turning(relative: np.ndarray) -> float:
-    """Part [1] of the friction that is lost after a rotation with this matrix (3,3) by the angle t, 1 - cos(t/2); 0 if
-    none is computed."""
-    trace = float(relative[0, 0] + relative[1, 1] + relative[2, 2])
-    return 1.0 - 0.5 * math.sqrt(max(1.0 + trace, 0.0)) if relative.any() else 0.0
 
 
 class Between(CompiledNode):
@@ -452,7 +437,7 @@ class Between(CompiledNode):
                 one, two = found.first.place, found.second.place
                 places = (two, one) if found.swapped else (one, two)
                 matrix, drags, tangents = (self._held[key] for key in (f"pair.{name}", f"rub.{name}", "rub.tangents"))
-                measure_along(law, matrix, drags, places, found.normal, tangents, found.area)
+                measure_along(law, matrix, drags, places, found.normal, tangents[0], found.area)
 
     def _free_springs(self, side: str) -> None:
         """Terminals at all vertices of a body of springs."""
@@ -551,7 +536,7 @@ class Between(CompiledNode):
             moved = carry(own, pair, rub, normal, first_support, second_support)
         if carries:
             renew_factor(pair, follow(own, pair, rub, one, two))
-        rubs = rub.tangents.shape[1] > 0
+        rubs = len(rub.touched) > 0
         if rubs:
             open_by_friction(rub, others)
         out.left = contact.step_pair(pair, others, dt, contact.MOST)
@@ -563,12 +548,11 @@ class Between(CompiledNode):
             step_rubbing(pair, rub, dt)
         contact.responses(pair, pair.active, 0, 0, opened[0], opened[1], presses.values, dt, along, floats(own.yields))
         contact.responses(pair, pair.active, 0, 1, again[0], again[1], rests.values, dt, along, floats(own.returns))
-        put(out.friction, summed(rub))
         answer(own, pair, rub, one, two, normal, out)
         if carries:  # the motion is prescribed, and bears this as well
             floats(own.carried)[0] -= jumped(own, pair)
         if rides:
-            put(out.resultant, end_ride(own, pair, rub, vector(out.friction)))
+            put(out.resultant, end_ride(own, pair, rub))
             balance_late(own, out)
             send_ride(own, out)
         elif carries:
@@ -576,7 +560,7 @@ class Between(CompiledNode):
             for x in range(3):
                 work[0] -= out.resultant[x] * moved[x]
             lend(out.carried, own.carried)
-        send_loads(own, out, spread_forces(pair, one, rub.force, 1.0), spread_forces(pair, two, rub.force, -1.0))
+        send_loads(own, out, spread_forces(pair, one, rub.force[0], 1.0), spread_forces(pair, two, rub.force[1], -1.0))
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         side = int(self.own["fault_side"])
@@ -608,13 +592,6 @@ class Between(CompiledNode):
                 f"Between: the foundations slid by up to {1e3 * aside:.3g} mm against each other, more than the "
                 f"{1e3 * cell:.2g} mm between the candidates, which stay where they were at the start: places and "
                 "directions of the forces, and the gaps of curved organs, are approximate",
-            )  # fmt: skip
-        lacks = lacks_by_turning(self.known["relative"])
-        if lacks > LACKS and self.friction > 0.0:
-            self._note_growth(
-                "turned", lacks,
-                f"Between: the organs have turned against each other, so that the friction between them is up to "
-                f"{100.0 * lacks:.2g} % too small: its law is valid for turns of some degrees",
             )  # fmt: skip
         if (ended := self.known["ended"]) > 0.0:
             self._note_growth(

@@ -80,11 +80,10 @@ def _move(own, first, i, second, j, floating):
 
 @kernel
 def against(own, one, two):
-    """Motion [m] (3) of the first organ against the second at the patch, in the axes at the start, by a motion of each
-    [m, rad] (6)."""
+    """Motion [m] (3) of the first organ against the second at the patch, by a motion of each [m, rad] (6)."""
     x, y, z = rigid.moved_at(own.ride[0], one, vector(own.point))
     a, b, c = rigid.moved_at(own.ride[1], two, vector(own.point))
-    return rigid.at_start(own.ride[0], own.ride[1], (x - a, y - b, z - c))
+    return x - a, y - b, z - c
 
 
 @kernel
@@ -122,6 +121,10 @@ def ride_on(own, pair, rub, first, i, second, j):
         _cells(own, pair)
         put(own.given, against(own, own.by[0], own.by[1]))
         put(own.counted, vector(own.given))
+    for side in range(2):
+        for x in range(3):
+            for y in range(3):
+                rub.axes[side, x, y] = own.ride[side].matrix[x, y]
 
 
 @ieee_kernel
@@ -149,19 +152,19 @@ def press_on(own, pair):
 
 
 @ieee_kernel
-def end_ride(own, pair, rub, pull):
-    """After the friction, whose sum on the first body is `pull` [N] (3): fills torques and normal on the second body of
-    the message, counts the work of the foundations, and returns force [N] (3) on the first organ in the world."""
+def end_ride(own, pair, rub):
+    """After the friction: fills torques and normal on the second body of the message, counts the work of the
+    foundations, and returns force [N] (3) on the first organ in the world."""
     one, two, seen, force, work = own.ride[0], own.ride[1], floats(own.seen), pair.active.force, 0.0
     for i in range(len(seen)):
         work += force[i] * (pair.gap[i] - seen[i])
         seen[i] = pair.gap[i]
-    put(own.held, pull)
+    put(own.held, vector(rub.pull))
     for x in range(3):
         work += own.held[x] * own.counted[x]
         own.counted[x] -= own.given[x]
     floats(own.carried)[0] -= work
-    along = rigid.in_world(one, two, pull)
+    along = vector(rub.pull)
     torques, back = floats(own.torques), (-along[0], -along[1], -along[2])
     about, turned = (rigid.torque_at(one, along, vector(own.point)), rigid.torque_at(two, back, vector(own.point)))
     for x in range(3):
@@ -186,7 +189,7 @@ def _face(own, pair):
 
 @kernel
 def _apart(own):
-    """Motion [m] (3) of the first organ against the second at the patch since the start, in the axes there."""
+    """Motion [m] (3) of the first organ against the second at the patch since the start, in the axes of the first."""
     one, two, c, e = own.ride[0], own.ride[1], own.ride[0].centre, own.ride[1].centre
     x = rigid.rotated(one, (own.foot[0] - c[0], own.foot[1] - c[1], own.foot[2] - c[2]))
     y = rigid.rotated(two, (own.across[0] - e[0], own.across[1] - e[1], own.across[2] - e[2]))
@@ -195,5 +198,5 @@ def _apart(own):
         (c[1] + one.at[1] + x[1]) - (e[1] + two.at[1] + y[1]),
         (c[2] + one.at[2] + x[2]) - (e[2] + two.at[2] + y[2]),
     )
-    a, b, f = rigid.at_start(one, two, d)
+    a, b, f = rigid.rotated_back(one, d)
     return a - (own.foot[0] - own.across[0]), b - (own.foot[1] - own.across[1]), f - (own.foot[2] - own.across[2])

@@ -149,9 +149,8 @@ class Coupled(Between):
         contact.responses(pair, active, begins, 1, again[0], again[1], rests.values, dt, room, floats(m.returns))
         for k in range(count):
             n = own.members[k]
-            pull, whole = finish(own, k, dt)
+            whole = finish(own, k, dt)
             if k == own.place:
-                put(out.friction, pull)
                 answer(n, pair_of(n.pair), rub_of(n.rub), side_of(n.one), side_of(n.two), floats(n.normals), out)
                 put(out.resultant, whole)
                 balance_late(n, out)

@@ -5,7 +5,7 @@ import numpy as np
 
 from palpate.compiler.records import floats, integers, longs, nth, put, unpacking, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.nodes.contact.between import pair_of, rub_of, side_of, spread_forces, summed
+from palpate.nodes.contact.between import pair_of, rub_of, side_of, spread_forces
 from palpate.nodes.contact.carried import against, end_ride, press_on, ride_on
 from palpate.nodes.contact.followed import follow, jumped, keep_room, renew_matrix
 from palpate.physics.bodies.floating.turning import cross
@@ -13,7 +13,8 @@ from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
 from palpate.physics.contact.organs import rigid_motion as rigid
 from palpate.physics.contact.organs.pivoting import ActiveSet, complement, refactor
-from palpate.physics.contact.organs.rubbing import begin_rubbing, end_rubbing, open_by_friction, pull_of, solve_rubbing
+from palpate.physics.contact.organs.rubbing import begin_rubbing, end_rubbing, pull_of, solve_rubbing
+from palpate.physics.contact.organs.rubbing_patch import open_by_friction
 
 active_of = unpacking(ActiveSet)
 RENEWED = 16  # candidates with new compliances after which the matrix is computed again
@@ -253,7 +254,7 @@ def hand_out(own, active):
 def _rub_by(own, k, pull, sign):
     """Add the motion of both organs of contact k by `sign` times a friction `pull` [N] (3) on the first."""
     m, sides, wrench = own.members[k], integers(own.sides), own.wrench
-    along = rigid.in_world(m.ride[0], m.ride[1], (sign * pull[0], sign * pull[1], sign * pull[2]))
+    along = (sign * pull[0], sign * pull[1], sign * pull[2])
     for side in range(2):
         if sides[k, side] < 0:
             continue
@@ -284,7 +285,7 @@ def rub(own, k, dt):
     for i in range(3):
         own.changes[k, i] = 0.0
     if own.bears[k] > 0.0:
-        pull_of(pair, rubs, own.bears[k], own.changes[k])
+        put(own.changes[k], pull_of(rubs, rubs.answer))
     for i in range(3):
         own.changes[k, i] -= m.held[i]
     _rub_by(own, k, own.changes[k], 1.0)
@@ -306,7 +307,7 @@ def begin(own, loads, supports, dt):
         put(own.ways[k, 0], vector(rubs.carried))
         put(own.changes[k], (0.0, 0.0, 0.0))
         own.bears[k] = 0.0
-        if rubs.tangents.shape[1] > 0:
+        if len(rubs.touched) > 0:
             open_by_friction(rubs, floats(m.others))
             begin_rubbing(rubs)
         if contact.begin_step(pair, floats(m.others), dt):
@@ -338,15 +339,15 @@ def solve(own, dt):
             break
         left, slid = solve_normal(own, contact.MOST), 0.0
         for k in range(len(sides)):
-            if own.members[k].rub.tangents.shape[1] > 0:
+            if own.members[k].rub.touched.shape[0] > 0:
                 slid = max(slid, rub(own, k, dt))
     return left
 
 
 @ieee_kernel
 def finish(own, k, dt):
-    """Move the bodies of contact k by its forces, and keep them for the next step. Returns the friction and the whole
-    force [N] (3) on the first organ."""
+    """Move the bodies of contact k by its forces, and keep them for the next step. Returns the force [N] (3) on the
+    first organ."""
     m = own.members[k]
     pair, rubs, turns, levers = pair_of(m.pair), rub_of(m.rub), floats(m.turns), floats(m.levers)
     motion_of(own, k, 0, m.by[0])
@@ -358,13 +359,12 @@ def finish(own, k, dt):
     by = against(m, m.by[0], m.by[1])
     for x in range(3):
         m.counted[x] += by[x]
-    if rubs.tangents.shape[1] > 0:
+    if len(rubs.touched) > 0:
         end_rubbing(pair, rubs, own.bears[k], dt)
-    pull = summed(rubs)
     m.late -= jumped(m, pair)
     keep_room(m, pair)
-    whole = end_ride(m, pair, rubs, pull)
-    first = spread_forces(pair, side_of(m.one), rubs.force, 1.0)
-    second = spread_forces(pair, side_of(m.two), rubs.force, -1.0)
+    whole = end_ride(m, pair, rubs)
+    first = spread_forces(pair, side_of(m.one), rubs.force[0], 1.0)
+    second = spread_forces(pair, side_of(m.two), rubs.force[1], -1.0)
     own.loaded[k, 0], own.loaded[k, 1] = first, second
-    return pull, whole
+    return whole

@@ -11,9 +11,9 @@ from palpate.nodes.contact.placed import (
     renew_compliance,
     search_cell,
     track_of,
-    turn_by,
 )
 from palpate.nodes.contact.reassigned import reassign, settle
+from palpate.physics.bodies.floating.turning import times
 from palpate.physics.contact.organs.between import take
 from palpate.physics.contact.organs.between_rows import vector3
 from palpate.physics.contact.organs.following import (
@@ -164,7 +164,7 @@ def _slides(own, track, pair, one, two, i):
     m, n = vector3(floats(own.normals), i), vector3(floats(own.opposite), i)
     if not fine:
         m, n = n, m
-    d, t, base = apart(own.relative, own.offset, vector3(x, i), vector3(y, i)), turn_by(own.relative, m), track.base[i]
+    d, t, base = apart(own.relative, own.offset, vector3(x, i), vector3(y, i)), times(own.relative, m), track.base[i]
     if (t[0] - n[0]) ** 2 + (t[1] - n[1]) ** 2 + (t[2] - n[2]) ** 2 > TILTED * TILTED:
         return True
     along, slid = _parts(d, n, base)

@@ -4,6 +4,7 @@ import numpy as np
 
 from palpate.compiler.records import floats, put, unpacking, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
+from palpate.physics.bodies.floating.turning import times
 from palpate.physics.bodies.true_patch import sideways
 from palpate.physics.contact.organs import rigid_motion as rigid
 from palpate.physics.contact.organs.between_rows import Law, clear_row, renew_row, vector3
@@ -33,25 +34,15 @@ def relate(own, track):
             out[x, y] = column[x]
     to = rigid.rotated_back(two, (c[0] + one.at[0] - e[0] - two.at[0], c[1] + one.at[1] - e[1] - two.at[1],
                                   c[2] + one.at[2] - e[2] - two.at[2]))  # fmt: skip
-    turned = turn_by(out, (c[0], c[1], c[2]))
+    turned = times(out, (c[0], c[1], c[2]))
     for x in range(3):
         offset[x] = e[x] + to[x] - turned[x]
 
 
 @kernel
-def turn_by(relative, n):
-    """M n: a direction (3) in the axes of the other organ."""
-    return (
-        relative[0, 0] * n[0] + relative[0, 1] * n[1] + relative[0, 2] * n[2],
-        relative[1, 0] * n[0] + relative[1, 1] * n[1] + relative[1, 2] * n[2],
-        relative[2, 0] * n[0] + relative[2, 1] * n[1] + relative[2, 2] * n[2],
-    )
-
-
-@kernel
 def move_by(relative, offset, x):
     """M x + d: a point [m] (3)."""
-    y = turn_by(relative, x)
+    y = times(relative, x)
     return y[0] + offset[0], y[1] + offset[1], y[2] + offset[2]
 
 
@@ -72,7 +63,7 @@ def search_cell(own, track, cell):
     n0 = n1 = n2 = f0 = f1 = f2 = 0.0
     for at in range(track.begins[cell], track.begins[cell + 1]):
         x = move_by(own.relative, own.offset, vector3(points, track.vertices[at]))
-        m = turn_by(own.relative, vector3(track.facing, at))
+        m = times(own.relative, vector3(track.facing, at))
         _find_foot(track, x, at)
         track.last[at], w = track.tracked[0].triangle, track.weights[at]
         track.places[at, 0], track.places[at, 1] = foot.place[0], foot.place[1]
@@ -191,11 +182,12 @@ def renew_compliance(own, track, pair, rub, one, two, i):
         _take_shares(track, one, i)
     put(one.normal[i], vector3(floats(own.normals), i))
     put(two.normal[i], vector3(floats(own.opposite), i))
-    if rub.tangents.shape[1] > 0:
-        _turn_tangents(own, rub, i)
+    if len(rub.touched) > 0:
+        _turn_tangents(own, rub, 0, one.normal, i)
+        _turn_tangents(own, rub, 1, two.normal, i)
     area, at = floats(own.areas), one.place if track.fine == 0 else two.place
-    renew_row(first, one, i, 1.0, at, area, rub.tangents, pair.first, rub.first)
-    renew_row(second, two, i, -1.0, at, area, rub.tangents, pair.second, rub.second)
+    renew_row(first, one, i, 1.0, at, area, rub.tangents[0], pair.first, rub.first)
+    renew_row(second, two, i, -1.0, at, area, rub.tangents[1], pair.second, rub.second)
 
 
 @kernel
@@ -214,19 +206,16 @@ def _take_shares(track, side, i):
 
 
 @kernel
-def _turn_tangents(own, rub, i):
-    """New tangents of candidate i, and its displacements along them."""
-    count, one, two, along = rub.tangents.shape[1], floats(own.normals), floats(own.opposite), floats(own.tangents)
-    x, y, z = one[i, 0] + two[i, 0], one[i, 1] + two[i, 1], one[i, 2] + two[i, 2]
-    size = max(np.sqrt(x * x + y * y + z * z), 1e-12)
-    sideways((x / size, y / size, z / size), along)
-    for kept in (rub.moved, rub.others):
-        for body in range(2):
-            u, v = kept[body, i], kept[body, count + i]
-            for a in range(2):
-                way = 0.0
-                for k in range(3):
-                    way += (u * rub.tangents[0, i, k] + v * rub.tangents[1, i, k]) * along[a, k]
-                kept[body, a * count + i] = way
+def _turn_tangents(own, rub, body, normal, i):
+    """New tangents of candidate i on a body, and its displacements along them."""
+    count, tangents, along = len(rub.touched), rub.tangents[body], floats(own.tangents)
+    sideways(vector3(normal, i), along)
+    for kept in (rub.moved[body], rub.others[body]):
+        u, v = kept[i], kept[count + i]
+        for a in range(2):
+            way = 0.0
+            for k in range(3):
+                way += (u * tangents[0, i, k] + v * tangents[1, i, k]) * along[a, k]
+            kept[a * count + i] = way
     for a in range(2):
-        put(rub.tangents[a, i], vector(along[a]))
+        put(tangents[a, i], vector(along[a]))

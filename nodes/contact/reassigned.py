@@ -1,6 +1,7 @@
 """How free candidates move to cells of the finer surface that a contact enters which wanders over it
 (`physics.contact.organs.following`)."""
 
+from palpate.compiler.dot import dot
 from palpate.compiler.records import floats, longs, put
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.contact.placed import (
@@ -126,7 +127,7 @@ def settle(own, track, pair, rub):
         for k in range(active.tally[0].active):
             moved += active.force[active.order[k]] * rows[active.order[k], i]
         pair.moved[body, i] = moved
-    if rub.tangents.shape[1] > 0:
+    if len(rub.touched) > 0:
         _settle_along(pair, rub, i)
     opening = pair.gap[i] + (pair.moved[0, i] + pair.moved[1, i])
     if opening < 0.0:
@@ -142,9 +143,9 @@ def settle(own, track, pair, rub):
 @kernel
 def _settle_along(pair, rub, i):
     """The same for the displacements along the surface, also by the friction of the last step."""
-    size, active = rub.tangents.shape[1], pair.active
+    size, active = len(rub.touched), pair.active
     for body in range(2):
-        drags, sign = rub.first if body == 0 else rub.second, 1.0 if body == 0 else -1.0
+        drags, force, tangents = rub.first if body == 0 else rub.second, rub.force[body], rub.tangents[body]
         for a in range(2):
             at = a * size + i
             moved = rub.others[body, at]
@@ -152,8 +153,5 @@ def _settle_along(pair, rub, i):
                 j = active.order[k]
                 moved += active.force[j] * drags[j, at]
                 for b in range(2):
-                    along = 0.0
-                    for x in range(3):
-                        along += rub.force[j, x] * rub.tangents[b, j, x]
-                    moved += sign * along * drags[(b + 1) * size + j, at]
+                    moved += dot(force[j], tangents[b, j]) * drags[(b + 1) * size + j, at]
             rub.moved[body, at] = moved

@@ -201,12 +201,3 @@ def test_fine_cells_cover_the_surface_once_and_know_their_neighbours():
     assert not any(cells.parent[a] == b for a, b in pairs)
     first = {(a, b) for a, b in pairs if a < b < count}
     assert first == set(map(tuple, found.borders.cells.tolist()))
-
-
-def test_friction_after_a_large_turn_is_noted_to_be_too_small():
-    """By 1 - cos(t/2) of a turn t, from 3 % on."""
-    for way, friction, part in ((10e-3, 0.3, "11 % too small"), (3e-3, 0.3, ""), (10e-3, 0.0, "")):
-        made = contact("MassSpring", FAR * UP, ((0, 0, 0), (0, 0, 0)), friction=friction)
-        course(made, roll(way, 0.4)[0])
-        found = [note for note in made.notes() if "have turned" in note]
-        assert len(found) == (1 if part else 0) and part in "".join(found)

@@ -214,7 +214,7 @@ def friction_excess(case: Case, between: Between) -> float:
     sum of the forces would find friction that does not act.
     """
     held = between._held
-    force, normal, pressed = held["rub.force"], held["one.normal"], held["pair.active.force"]
+    force, normal, pressed = held["rub.force"][0], held["one.normal"], held["pair.active.force"]
     if not len(force):  # the bodies slide freely
         return 0.0
     along = held["rub.speed"] - (normal * held["rub.speed"]).sum(axis=1, keepdims=True) * normal

@@ -37,10 +37,10 @@ def run(made, rub, motions, pressed):
         before = rub.moved.copy()
         step_rubbing(made, rub, DT)
         by = (rub.moved - before).reshape(2, 2, SIZE)
-        relative = by[0] - by[1] + np.einsum("ami,i->am", rub.tangents, carried)
-        along = np.einsum("mi,ami->am", rub.force, rub.tangents)
+        relative = by[0] - by[1] + np.einsum("ami,i->am", rub.tangents[0], carried)
+        along = np.einsum("mi,ami->am", rub.force[0], rub.tangents[0])
         works.append(float((along * relative).sum()))
-        forces.append(rub.force.sum(axis=0))
+        forces.append(rub.force[0].sum(axis=0))
         normals.append(made.active.force.sum())
     return np.array(forces), np.array(normals), np.array(works)
 
@@ -99,9 +99,10 @@ def test_on_a_curved_patch_each_candidate_keeps_its_limit_and_no_energy_is_gener
             worked += work[0]
             mean = rub.speed - normals * (normals @ rub.speed)[:, None]
             p = made.active.force
-            dry = np.linalg.norm(rub.force + viscous * p[:, None] * mean, axis=1)
-            assert (dry <= mu * p + 1e-9 * (p + np.linalg.norm(rub.force, axis=1))).all()
-            assert np.abs((rub.force * normals).sum(axis=1)) == approx(0.0, abs=1e-12 * (1.0 + np.abs(rub.force).max()))
+            dry = np.linalg.norm(rub.force[0] + viscous * p[:, None] * mean, axis=1)
+            assert (dry <= mu * p + 1e-9 * (p + np.linalg.norm(rub.force[0], axis=1))).all()
+            inward = (rub.force[0] * normals).sum(axis=1)
+            assert inward == approx(0.0, abs=1e-12 * (1.0 + np.abs(rub.force[0]).max()))
             assert rub.balance["dissipated"][0] >= lost * (1.0 - 1e-12)
             lost = rub.balance["dissipated"][0]
             inclined += abs(rub.speed[2]) > 0.1 * np.linalg.norm(rub.speed) > 0.0

@@ -11,7 +11,7 @@ import math
 from palpate.compiler.angles import sin
 from palpate.compiler.dot import dot
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Vector3
+from palpate.physics.arrays import Matrix, Vector3
 
 SMALL = 1e-2  # [rad] angle below which (1 - s)/theta² is a series, exact to rounding there
 
@@ -20,6 +20,26 @@ SMALL = 1e-2  # [rad] angle below which (1 - s)/theta² is a series, exact to ro
 def cross(a: Vector3, b: Vector3):
     """a x b (3)."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def times(m: Matrix, x: Vector3):
+    """M x (3) of a matrix (3,3)."""
+    return (
+        m[0, 0] * x[0] + m[0, 1] * x[1] + m[0, 2] * x[2],
+        m[1, 0] * x[0] + m[1, 1] * x[1] + m[1, 2] * x[2],
+        m[2, 0] * x[0] + m[2, 1] * x[1] + m[2, 2] * x[2],
+    )
+
+
+@kernel
+def times_back(m: Matrix, x: Vector3):
+    """M' x (3)."""
+    return (
+        m[0, 0] * x[0] + m[1, 0] * x[1] + m[2, 0] * x[2],
+        m[0, 1] * x[0] + m[1, 1] * x[1] + m[2, 1] * x[2],
+        m[0, 2] * x[0] + m[1, 2] * x[1] + m[2, 2] * x[2],
+    )
 
 
 @kernel

@@ -26,7 +26,7 @@ import math
 
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Matrix, Record, Vector3
-from palpate.physics.bodies.floating.turning import cross, turned
+from palpate.physics.bodies.floating.turning import cross, times, times_back, turned
 
 CHANGED = 0.02  # [1] change of mobility, and [rad] of direction, from which a matrix with it is computed again
 SLID = 1e-3  # [m] slide from which it is computed again
@@ -68,23 +68,13 @@ def orient(ride: Record):
 @kernel
 def rotated(ride: Record, x: Vector3):
     """R x (3)."""
-    m = ride.matrix
-    return (
-        m[0, 0] * x[0] + m[0, 1] * x[1] + m[0, 2] * x[2],
-        m[1, 0] * x[0] + m[1, 1] * x[1] + m[1, 2] * x[2],
-        m[2, 0] * x[0] + m[2, 1] * x[1] + m[2, 2] * x[2],
-    )
+    return times(ride.matrix, x)
 
 
 @kernel
 def rotated_back(ride: Record, x: Vector3):
     """R' x (3)."""
-    m = ride.matrix
-    return (
-        m[0, 0] * x[0] + m[1, 0] * x[1] + m[2, 0] * x[2],
-        m[0, 1] * x[0] + m[1, 1] * x[1] + m[2, 1] * x[2],
-        m[0, 2] * x[0] + m[1, 2] * x[1] + m[2, 2] * x[2],
-    )
+    return times_back(ride.matrix, x)
 
 
 @kernel
@@ -191,27 +181,12 @@ def torque_at(ride: Record, force: Vector3, place: Vector3):
 
 
 @kernel
-def in_world(one: Record, two: Record, x: Vector3):
-    """A vector (3) of both organs at the start, turned by the mean of their rotations."""
-    a, b = rotated(one, x), rotated(two, x)
-    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-
-
-@kernel
-def at_start(one: Record, two: Record, x: Vector3):
-    """The transpose of `in_world`: a displacement (3) of the world, conjugate to a force at the start."""
-    a, b = rotated_back(one, x), rotated_back(two, x)
-    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-
-
-@kernel
 def mobile_at(one: Record, two: Record, place: Vector3, out: Matrix):
-    """Fill the mobility [m/N] (3,3) of both organs against each other at a place [m] (3), in the axes at start."""
+    """Fill the mobility [m/N] (3,3) of both organs against each other at a place [m] (3) of the world."""
     for j in range(3):
-        force = in_world(one, two, (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0))
+        force = (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0)
         x, y = yields_at(one, force, place), yields_at(two, force, place)
-        column = at_start(one, two, (x[0] + y[0], x[1] + y[1], x[2] + y[2]))
-        out[0, j], out[1, j], out[2, j] = column
+        out[0, j], out[1, j], out[2, j] = x[0] + y[0], x[1] + y[1], x[2] + y[2]
 
 
 @kernel

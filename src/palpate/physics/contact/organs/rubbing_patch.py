@@ -1,0 +1,126 @@
+"""The patch of two bodies that rub: means over its candidates, and the friction of each (`rubbing`, with its terms)."""
+
+import numpy as np
+
+from palpate.compiler.dot import dot
+from palpate.compiler.kernel import kernel
+from palpate.physics.arrays import Array, Matrix, Record
+from palpate.physics.bodies.floating.turning import cross, times, times_back
+from palpate.physics.contact.organs.between import Pair, take
+from palpate.physics.contact.organs.between_rows import vector3
+from palpate.physics.contact.organs.rubbing_axes import add_turned
+
+
+@kernel
+def drag(pair: Pair, rub: Record, body: int, drags: Matrix, dt: float):
+    """Place a body's candidates along the surface by all loads but the friction of this step: by the memory of the last
+    step, the other loads and the normal forces."""
+    share, size, active = take(pair, body, dt), len(rub.touched), pair.active
+    moved, others = rub.moved[body], rub.others[body]
+    for i in range(2 * size):
+        moved[i] = share * others[i] + (1.0 - share) * rub.before[body, i]
+    for k in range(active.tally[0].active):
+        j = active.order[k]
+        row, push = drags[j], share * active.force[j]
+        for i in range(2 * size):
+            moved[i] += push * row[i]
+
+
+@kernel
+def gather(pair: Pair, rub: Record, total: float, free: Array):
+    """Fill `rub.normal`, `rub.plane` with P, and `free` [m] (3) with e."""
+    size, active, block = len(rub.touched), pair.active, rub.matrix[3]
+    n = (0.0, 0.0, 0.0)
+    rub.plane[:], free[:] = 0.0, 0.0
+    for body in range(2):
+        sign, tangents, moved, before = 1.0 - 2.0 * body, rub.tangents[body], rub.moved[body], rub.before[body]
+        block[:] = 0.0
+        e, f = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        for k in range(active.tally[0].active):
+            i = active.order[k]
+            weight, t, s = active.force[i] / total, vector3(tangents[0], i), vector3(tangents[1], i)
+            u, v, out = moved[i] - before[i], moved[size + i] - before[size + i], cross(t, s)
+            e = (
+                e[0] + weight * (u * t[0] + v * s[0]),
+                e[1] + weight * (u * t[1] + v * s[1]),
+                e[2] + weight * (u * t[2] + v * s[2]),
+            )
+            f = f[0] + weight * out[0], f[1] + weight * out[1], f[2] + weight * out[2]
+            for x in range(3):
+                for y in range(3):
+                    block[x, y] += weight * (t[x] * t[y] + s[x] * s[y])
+        add_turned(rub.axes[body], block, 0.5, rub.plane)
+        e, f = times(rub.axes[body], e), times(rub.axes[body], f)
+        n = n[0] + f[0], n[1] + f[1], n[2] + f[2]
+        for x in range(3):
+            free[x] += sign * e[x]
+    away = np.sqrt(dot(n, n))
+    by = times(rub.plane, rub.carried)
+    for x in range(3):
+        rub.normal[x] = n[x] / away if away > 0.0 else rub.normal[x]
+        free[x] += by[x]
+
+
+@kernel
+def yields(pair: Pair, rub: Record, total: float, dt: float):
+    """Fill the first matrix with C [m/N] (3,3)."""
+    size, active, block = len(rub.touched), pair.active, rub.matrix[3]
+    count = active.tally[0].active
+    rub.matrix[0, :] = 0.0
+    for body in range(2):
+        drags, tangents = rub.first if body == 0 else rub.second, rub.tangents[body]
+        block[:] = 0.0
+        for k in range(count):
+            j = active.order[k]
+            for b in range(2):
+                row = drags[(b + 1) * size + j]
+                u = v = w = 0.0  # motion of the patch by a unit force at j
+                for q in range(count):
+                    i = active.order[q]
+                    x, y = active.force[i] * row[i], active.force[i] * row[size + i]
+                    u += x * tangents[0, i, 0] + y * tangents[1, i, 0]
+                    v += x * tangents[0, i, 1] + y * tangents[1, i, 1]
+                    w += x * tangents[0, i, 2] + y * tangents[1, i, 2]
+                for x in range(3):
+                    along = active.force[j] * tangents[b, j, x]
+                    block[0, x] += u * along
+                    block[1, x] += v * along
+                    block[2, x] += w * along
+        add_turned(rub.axes[body], block, take(pair, body, dt) / (total * total), rub.matrix[0])
+
+
+@kernel
+def spread(pair: Pair, rub: Record, total: float, dt: float):
+    """Spread the friction over the candidates, and move both bodies by it."""
+    size, active = len(rub.touched), pair.active
+    rub.touched[:] = 0
+    for body in range(2):
+        drags, tangents, moved = rub.first if body == 0 else rub.second, rub.tangents[body], rub.moved[body]
+        share, force = take(pair, body, dt), rub.force[body]
+        whole = times_back(rub.axes[body], rub.total)
+        for k in range(active.tally[0].active):
+            j = active.order[k]
+            rub.touched[j] = 1
+            weight = active.force[j] / total if body == 1 else -active.force[j] / total
+            for a in range(2):
+                along = weight * dot(whole, vector3(tangents[a], j))
+                for x in range(3):
+                    force[j, x] += along * tangents[a, j, x]
+                row = drags[(a + 1) * size + j]
+                for i in range(2 * size):
+                    moved[i] += share * along * row[i]
+
+
+@kernel
+def open_by_friction(rub: Record, others: Matrix):
+    """Add to `others` [m] (2,m) the opening of the candidates by the friction of the last step (E. Betti)."""
+    size = len(rub.touched)
+    for body in range(2):
+        drags = rub.first if body == 0 else rub.second
+        for j in range(size):
+            if rub.touched[j] == 0:
+                continue
+            for a in range(2):
+                at, along = a * size + j, dot(rub.force[body, j], rub.tangents[body, a, j])
+                for i in range(size):
+                    others[body, i] += along * drags[i, at]
