@@ -141,8 +141,8 @@ class OrganContact(Sparse):
     area           [m^2] ()    of contact
     gap            [m]   ()    smallest gap of the candidates, at most their reach; negative where an overlap is left
                                for the next step
-    friction       [N]   (3)   sum of the friction forces on the first body; the second gets the opposite
-    slip           [m/s] (3)   velocity of the first body's surface against the second's in the patch
+    friction       [N]   (3)   sum of the friction forces on the first body, in its frame; the second gets the opposite
+    slip           [m/s] (3)   velocity of the first body's surface against the second's in the patch, in the same frame
     left           [1]   ()    number of candidates that are left for the next step
     stored         [J]   ()    energy stored in the bristles of the friction
     dissipated     [J]   ()    energy dissipated by contact and friction since the start

@@ -4,7 +4,6 @@ import numpy as np
 
 from palpate.compiler.records import floats, nth, put, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.physics.bodies.floating.turning import spin
 from palpate.physics.contact.organs import rigid_motion as rigid
 
 
@@ -48,34 +47,34 @@ def begins_to_ride(own, first, second):
 
 
 @kernel
-def _place(ride, given, by):
-    """Take the place of an organ from its support; fills its motion `by` [m, rad] (6) since the last one."""
-    for x in range(3):
-        by[x] = given.displacement[x] - ride.at[x]
-        ride.at[x] = given.displacement[x]
-    if given.rotation.shape[0] == 0:
-        return
-    turn, centre, last = floats(given.rotation), floats(given.centre), vector(ride.turn)
-    half = (0.5 * (turn[0] + last[0]), 0.5 * (turn[1] + last[1]), 0.5 * (turn[2] + last[2]))
-    about = spin(half, (turn[0] - last[0], turn[1] - last[1], turn[2] - last[2]))
-    for x in range(3):
-        by[3 + x], ride.turn[x], ride.centre[x] = about[x], turn[x], centre[x]
-    rigid.orient(ride)
+def _place(ride, given):
+    """Take the place of an organ from its support."""
+    put(ride.at, vector(given.displacement))
+    if given.rotation.shape[0] > 0:
+        put(ride.turn, vector(floats(given.rotation)))
+        put(ride.centre, vector(floats(given.centre)))
+        rigid.orient(ride)
 
 
 @kernel
 def _move(own, first, i, second, j, floating):
     """Take the places of the organs that forces move (`floating`), or of all others, from message i of an input and
-    message j of another, -1: it has none; fills their motions `own.by` (2,6). Returns whether there is one."""
+    message j of another, -1: it has none. Returns whether there is one."""
     found = False
-    own.by[:] = 0.0
     if i >= 0 and nth(first, i).there and (nth(first, i).mobility.shape[0] > 0) == floating:
-        _place(own.ride[0], nth(first, i), own.by[0])
+        _place(own.ride[0], nth(first, i))
         found = True
     if j >= 0 and nth(second, j).there and (nth(second, j).mobility.shape[0] > 0) == floating:
-        _place(own.ride[1], nth(second, j), own.by[1])
+        _place(own.ride[1], nth(second, j))
         found = True
     return found
+
+
+@kernel
+def _between(own, x, y):
+    """Distance [m] (3) of a point x of the first organ from y of the second [m] (3), given at the start."""
+    a, b = rigid.placed(own.ride[0], x), rigid.placed(own.ride[1], y)
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @kernel
@@ -100,6 +99,7 @@ def ride_on(own, pair, rub, first, i, second, j):
     """Move both organs with their foundations, as of message i of an input of supports and message j of another, -1: it
     has none: fills the gaps of the bodies without deformation, and the motion that rubs."""
     seen, force, work = floats(own.seen), pair.active.force, 0.0
+    x, y = rigid.placed_back(own.ride[0], vector(own.point)), rigid.placed_back(own.ride[1], vector(own.point))
     # the motion by the forces of the last step, against what that step expected
     _move(own, first, i, second, j, True)
     _cells(own, pair)
@@ -109,22 +109,22 @@ def ride_on(own, pair, rub, first, i, second, j):
         pair.opening[k] += by
         seen[k] = pair.gap[k]
     own.late += work
-    by = against(own, own.by[0], own.by[1])
-    for x in range(3):
-        way = by[x] - own.counted[x]
-        work += own.held[x] * way
-        rub.carried[x] += way
-        own.counted[x] = own.given[x] = 0.0
+    by = _between(own, x, y)
+    for k in range(3):
+        way = by[k] - own.counted[k]
+        work += own.held[k] * way
+        rub.carried[k] += way
+        own.counted[k] = own.given[k] = 0.0
     floats(own.carried)[0] -= work
     # prescribed motions in this step
     if _move(own, first, i, second, j, False):
         _cells(own, pair)
-        put(own.given, against(own, own.by[0], own.by[1]))
+        after = _between(own, x, y)
+        put(own.given, (after[0] - by[0], after[1] - by[1], after[2] - by[2]))
         put(own.counted, vector(own.given))
     for side in range(2):
-        for x in range(3):
-            for y in range(3):
-                rub.axes[side, x, y] = own.ride[side].matrix[x, y]
+        for k in range(3):
+            put(rub.axes[side, k], vector(own.ride[side].matrix[k]))
 
 
 @ieee_kernel
@@ -190,13 +190,5 @@ def _face(own, pair):
 @kernel
 def _apart(own):
     """Motion [m] (3) of the first organ against the second at the patch since the start, in the axes of the first."""
-    one, two, c, e = own.ride[0], own.ride[1], own.ride[0].centre, own.ride[1].centre
-    x = rigid.rotated(one, (own.foot[0] - c[0], own.foot[1] - c[1], own.foot[2] - c[2]))
-    y = rigid.rotated(two, (own.across[0] - e[0], own.across[1] - e[1], own.across[2] - e[2]))
-    d = (
-        (c[0] + one.at[0] + x[0]) - (e[0] + two.at[0] + y[0]),
-        (c[1] + one.at[1] + x[1]) - (e[1] + two.at[1] + y[1]),
-        (c[2] + one.at[2] + x[2]) - (e[2] + two.at[2] + y[2]),
-    )
-    a, b, f = rigid.rotated_back(one, d)
+    a, b, f = rigid.rotated_back(own.ride[0], _between(own, vector(own.foot), vector(own.across)))
     return a - (own.foot[0] - own.across[0]), b - (own.foot[1] - own.across[1]), f - (own.foot[2] - own.across[2])

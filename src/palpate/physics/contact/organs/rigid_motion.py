@@ -78,6 +78,22 @@ def rotated_back(ride: Record, x: Vector3):
 
 
 @kernel
+def placed(ride: Record, x: Vector3):
+    """Place X [m] (3) in the world of a point x [m] (3) of an organ at the start."""
+    c, d = ride.centre, ride.at
+    y = rotated(ride, (x[0] - c[0], x[1] - c[1], x[2] - c[2]))
+    return c[0] + d[0] + y[0], c[1] + d[1] + y[1], c[2] + d[2] + y[2]
+
+
+@kernel
+def placed_back(ride: Record, place: Vector3):
+    """x [m] (3) of a place X."""
+    c, d = ride.centre, ride.at
+    y = rotated_back(ride, (place[0] - c[0] - d[0], place[1] - c[1] - d[1], place[2] - c[2] - d[2]))
+    return c[0] + y[0], c[1] + y[1], c[2] + y[2]
+
+
+@kernel
 def place_cells(
     one: Record, two: Record, normal: Matrix, opposite: Matrix, first: Matrix, second: Matrix, turns: Matrix,
     levers: Matrix, rest: Array, before: Array, gap: Array,

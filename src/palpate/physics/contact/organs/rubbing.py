@@ -78,7 +78,7 @@ class Rubbing(NamedTuple):
     mobile  [m/N] (3,3)        M, mobility of both organs on their foundations, with `carried` that for the friction of
                                the last step; (0,0): they do not move by their contact
     answer  [N] (3)            F of `solve_rubbing`;  plane [1] (3,3) P
-    matrix, given              workspaces
+    block (3,3), matrix, given  workspaces
     """
 
     axes: Annotated[np.ndarray, "<f8", 3]
@@ -101,6 +101,7 @@ class Rubbing(NamedTuple):
     mobile: Annotated[np.ndarray, "<f8", 2]
     answer: Annotated[np.ndarray, "<f8", 1]
     plane: Annotated[np.ndarray, "<f8", 2]
+    block: Annotated[np.ndarray, "<f8", 2]
     matrix: Annotated[np.ndarray, "<f8", 3]
     given: Annotated[np.ndarray, "<f8", 3]
     law: Annotated[np.ndarray, LAW_TYPE, 1]
@@ -120,7 +121,7 @@ def rubbing(
         np.ascontiguousarray(second), np.zeros((2, 2 * size)), np.zeros((2, 2 * size)), np.zeros((2, 2 * size)),
         np.zeros(3), np.zeros((2, size, 3)), np.zeros(size, np.int64), np.zeros((2, 3)), np.zeros(3), np.zeros((2, 3)),
         np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((0, 0)), np.zeros(3), np.zeros((3, 3)),
-        np.zeros((4, 3, 3)), np.zeros((2, 3, 4)), law, np.zeros(1, BALANCE_TYPE),
+        np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros((2, 3, 4)), law, np.zeros(1, BALANCE_TYPE),
     )  # fmt: skip
 
 
@@ -212,7 +213,7 @@ def solve_rubbing(pair: Pair, rub: Rubbing, dt: float):
     free, film = rub.given[1, 0, :3], law.viscous * normal / dt
     gather(pair, rub, normal, free)
     turn_bristles(rub.axes, rub.bristles, rub.facing, rub.normal, rub.bristle)
-    yields(pair, rub, normal, dt)
+    yields(pair, rub, normal, dt, rub.matrix[0])
     _follow_mobility(rub, free)
     if film > 0.0:
         _through_film(rub, free, film)

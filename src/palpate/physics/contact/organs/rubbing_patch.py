@@ -29,7 +29,7 @@ def drag(pair: Pair, rub: Record, body: int, drags: Matrix, dt: float):
 @kernel
 def gather(pair: Pair, rub: Record, total: float, free: Array):
     """Fill `rub.normal`, `rub.plane` with P, and `free` [m] (3) with e."""
-    size, active, block = len(rub.touched), pair.active, rub.matrix[3]
+    size, active, block = len(rub.touched), pair.active, rub.block
     n = (0.0, 0.0, 0.0)
     rub.plane[:], free[:] = 0.0, 0.0
     for body in range(2):
@@ -62,11 +62,11 @@ def gather(pair: Pair, rub: Record, total: float, free: Array):
 
 
 @kernel
-def yields(pair: Pair, rub: Record, total: float, dt: float):
-    """Fill the first matrix with C [m/N] (3,3)."""
-    size, active, block = len(rub.touched), pair.active, rub.matrix[3]
+def yields(pair: Pair, rub: Record, total: float, dt: float, out: Matrix):
+    """Fill `out` with C [m/N] (3,3)."""
+    size, active, block = len(rub.touched), pair.active, rub.block
     count = active.tally[0].active
-    rub.matrix[0, :] = 0.0
+    out[:] = 0.0
     for body in range(2):
         drags, tangents = rub.first if body == 0 else rub.second, rub.tangents[body]
         block[:] = 0.0
@@ -86,7 +86,7 @@ def yields(pair: Pair, rub: Record, total: float, dt: float):
                     block[0, x] += u * along
                     block[1, x] += v * along
                     block[2, x] += w * along
-        add_turned(rub.axes[body], block, take(pair, body, dt) / (total * total), rub.matrix[0])
+        add_turned(rub.axes[body], block, take(pair, body, dt) / (total * total), out)
 
 
 @kernel
