@@ -535,7 +535,7 @@ class Between(CompiledNode):
         elif carries:
             moved = carry(own, pair, rub, normal, first_support, second_support)
         if carries:
-            renew_factor(pair, follow(own, pair, rub, one, two))
+            renew_factor(pair, follow(own, pair, rub, one, two, dt))
         rubs = len(rub.touched) > 0
         if rubs:
             open_by_friction(rub, others)

@@ -301,7 +301,7 @@ def begin(own, loads, supports, dt):
         m = own.members[k]
         pair, rubs = pair_of(m.pair), rub_of(m.rub)
         ride_on(m, pair, rubs, supports, sides[k, 0], supports, sides[k, 1])
-        if renew_matrix(pair, follow(m, pair, rubs, side_of(m.one), side_of(m.two))):
+        if renew_matrix(pair, follow(m, pair, rubs, side_of(m.one), side_of(m.two), dt)):
             own.renewed += 1
         expect(own, k, loads, supports)
         put(own.ways[k, 0], vector(rubs.carried))

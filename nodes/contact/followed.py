@@ -19,7 +19,7 @@ from palpate.physics.contact.organs.between_rows import vector3
 from palpate.physics.contact.organs.following import (
     CLOSE,
     COARSER,
-    EASE,
+    EASED,
     FAR,
     FINEST,
     LEAST,
@@ -35,7 +35,7 @@ STILL, REACHES = 1e-5, 0.05  # [m] motion after which candidates may be due; [m]
 
 
 @ieee_kernel
-def follow(own, pair, rub, one, two):
+def follow(own, pair, rub, one, two, dt):
     """Compute candidates again that have slid, of the next ones in turn; fills their gaps. `one`, `two`: both sides.
     Returns the candidate whose compliances were computed again, -1: none; `renew_matrix` or `renew_factor` is due."""
     track = track_of(own.track)
@@ -46,7 +46,8 @@ def follow(own, pair, rub, one, two):
     elif _rests(own):
         return -1
     relate(own, track)
-    behind, due = _follow_gaps(own, track, pair, one, two), _most_due(track, pair)
+    share = dt / (dt + EASED)
+    behind, due = _follow_gaps(own, track, pair, one, two, share), _most_due(track, pair)
     found = reassign(own, track, pair, rub, one, two)
     if found >= 0:  # missing force is worse than compliances that are late
         return found
@@ -60,9 +61,10 @@ def follow(own, pair, rub, one, two):
 
 
 @kernel
-def _follow_gaps(own, track, pair, one, two):
-    """Find the next candidates that have slid. Returns whether more are due."""
-    count, left, behind, i = len(track.cell), VERTICES, _ease(own, track, pair), own.turn
+def _follow_gaps(own, track, pair, one, two, share):
+    """Find the next candidates that have slid; `share` [1] of the changes that are left is taken in this step. Returns
+    whether more are due."""
+    count, left, behind, i = len(track.cell), VERTICES, _ease(own, track, pair, share), own.turn
     for _ in range(count):
         if _slides(own, track, pair, one, two, i):
             own.looked = 0
@@ -88,15 +90,15 @@ def _most_due(track, pair):
 
 
 @kernel
-def _ease(own, track, pair):
-    """Take the next part of the changes of the gaps. Returns whether more are left."""
-    more, rest, seen, share = False, floats(own.rest), floats(own.seen), _affordable(own, track, pair)
+def _ease(own, track, pair, share):
+    """Take the next part of the changes of the gaps, `share` of them [1]. Returns whether more are left."""
+    more, rest, seen, affordable = False, floats(own.rest), floats(own.seen), _affordable(own, track, pair, share)
     for i in range(len(track.pending)):
         if track.pending[i] == 0.0:
             continue
-        part = _part(track.pending[i])
+        part = _part(track.pending[i], share)
         if part < 0.0 and pair.active.force[i] > 0.0:
-            part *= share
+            part *= affordable
         elif own.floats:  # without load, what its opening allows
             part = max(part, -max(pair.opening[i], 0.0))
         track.pending[i] -= part
@@ -110,13 +112,13 @@ def _ease(own, track, pair):
 
 
 @kernel
-def _part(pending):
+def _part(pending, share):
     """Part of a change of a gap [m] that is taken in a step."""
-    return EASE * pending if abs(pending) > LEAST else pending
+    return share * pending if abs(pending) > LEAST else pending
 
 
 @kernel
-def _affordable(own, track, pair):
+def _affordable(own, track, pair, share):
     """Share [1] of the changes that close gaps under load. Between organs that forces move they cost at most what the
     contact lost in the last step, so that it generates no energy; a prescribed motion bears all."""
     if not own.floats:
@@ -124,7 +126,7 @@ def _affordable(own, track, pair):
     cost = 0.0
     for k in range(pair.active.tally[0].active):
         i = pair.active.order[k]
-        cost -= pair.active.force[i] * min(_part(track.pending[i]), 0.0)
+        cost -= pair.active.force[i] * min(_part(track.pending[i], share), 0.0)
     return min(1.0, own.room / cost) if cost > 0.0 else 1.0
 
 

@@ -34,6 +34,7 @@ def reassign(own, track, pair, rub, one, two):
         if (
             track.child[at] >= 0
             and pair.gap[k] - least < NEARER * track.beyond[at]
+            and pair.opening[k] > CLOSE
             and _is_free(pair, track.pending, k)
         ):
             i, cell, neighbour, divides = k, track.child[at], k, True
@@ -84,8 +85,8 @@ def _farthest(pair, pending):
 
 @kernel
 def _is_free(pair, pending, i):
-    """Whether a candidate may move: it does not touch, also not soon."""
-    return pair.active.place[i] < 0 and pair.opening[i] > CLOSE and pending[i] == 0.0
+    """Whether a candidate may move: it bears no force, and is apart."""
+    return pair.active.place[i] < 0 and pair.opening[i] > 0.0 and pending[i] == 0.0
 
 
 @kernel

@@ -124,6 +124,26 @@ def test_a_roll_that_is_too_fast_lacks_force_with_a_note_and_recovers():
     assert found[-1].generated < 1e-12 and min(each.gap for each in found) > -1e-9
 
 
+@pytest.mark.parametrize("rate", [1000, 8000])
+@pytest.mark.parametrize("vertices, closing, settings, least", [
+    ((8000, 6000), 1.8e-3, {"reach": 2e-3, "cells": 60}, 0.90),
+    ((2600, 2000), 2.5e-3, {"reach": 3e-3, "cells": 40}, 0.90),
+])  # fmt: skip
+def test_few_candidates_that_are_all_close_follow_a_roll(rate, vertices, closing, settings, least):
+    """Where only those that were open by 1 mm could move, 0.66 to 0.84 of the right force was left after 20 mm. The
+    force changes by less than 3 % in a tick, at each rate; at 8 kHz it was 13 %."""
+    path, place, out, turn = roll(20e-3, 0.4, rate=rate, closing=closing)
+    made = contact("MassSpring", FAR * UP, np.zeros((2, 3)), vertices, **settings)
+    found = course(made, [*path, *[path[-1]] * (3 * rate // 10)], rate=rate)
+    there = contact("MassSpring", place, (turn, np.zeros(3)), vertices, **settings)
+    down = [(-closing * share * out, 0.0 * UP) for share in [*np.linspace(0.0, 1.0, 300), *[1.0] * 200]]
+    right = course(there, down)[-1]
+    force = np.array([each.force for each in found])
+    assert least * right.force < found[-1].force < 1.01 * right.force
+    assert np.abs(np.diff(force[3 * rate // 10 :])).max() < 0.03 * right.force
+    assert found[-1].generated < 1e-12 and min(each.gap for each in found) > -1e-9
+
+
 def test_a_press_moves_no_candidate_to_another_cell():
     path, *_ = roll(1e-3, 0.0)
     made = contact("MassSpring", FAR * UP, np.zeros((2, 3)))

@@ -28,24 +28,24 @@ def contact(kind, place, turns, vertices=(2600, 2000), exchanged=False, **settin
     return made
 
 
-def course(made, path, exchanged=False):
-    """The messages for these displacements [m] and rotations [rad] (n,2,3) of the upper ball at 1 kHz."""
+def course(made, path, exchanged=False, rate=1000):
+    """The messages for these displacements [m] and rotations [rad] (n,2,3) of the upper ball."""
     side, found = "second_support" if exchanged else "first_support", []
     for at, turn in path:
         moved = Support(displacement=tuple(map(float, at)), velocity=(0.0, 0.0, 0.0), rotation=np.array(turn),
                         spin=np.zeros(3), centre=FAR * UP)  # fmt: skip
-        found.append(made.step([], [], **{side: [moved]}, dt=1e-3))
+        found.append(made.step([], [], **{side: [moved]}, dt=1.0 / rate))
     return found
 
 
-def roll(way, heading, speed=30e-3):
-    """Displacements and rotations (n,2,3) that press the ball and roll it by `way` [m]; place [m] (3) without the
-    press, direction [1] (3) and rotation [rad] (3) at the end. heading [rad]"""
+def roll(way, heading, speed=30e-3, rate=1000, closing=CLOSING):
+    """Displacements and rotations (n,2,3) that press the ball by `closing` [m] within 0.3 s, and roll it by `way` [m];
+    place [m] (3) without the press, direction [1] (3) and rotation [rad] (3) at the end. heading [rad]"""
     along, axis = np.array([np.cos(heading), np.sin(heading), 0.0]), np.array([-np.sin(heading), np.cos(heading), 0.0])
-    path = [(-CLOSING * share * UP, 0.0 * UP) for share in np.linspace(0.0, 1.0, 300)]
-    for angle in np.linspace(0.0, way / RADIUS, max(int(way / speed * 1e3), 2)):
+    path = [(-closing * share * UP, 0.0 * UP) for share in np.linspace(0.0, 1.0, 3 * rate // 10)]
+    for angle in np.linspace(0.0, way / RADIUS, max(int(way / speed * rate), 2)):
         out = np.sin(angle) * along + np.cos(angle) * UP
-        path.append(((FAR - CLOSING) * out - FAR * UP, 2.0 * angle * axis))
+        path.append(((FAR - closing) * out - FAR * UP, 2.0 * angle * axis))
     return path, FAR * out, out, 2.0 * angle * axis
 
 

@@ -15,16 +15,18 @@ The compliances of a cell are due when its centre has moved by `MOVED` on the ot
 `TURNED` on one of them, of a cell that is open by more than `CLOSE` by `FAR` times that: in each step those of the
 one that is due most (`between_rows`), so that cells next to each other are behind by about the same.
 
-A viscous body answers to a sudden change of a gap by a spike of the force. So a cell that touches takes `EASE` of what
-is left of it in each step. A change of a gap without a motion is energy that the contact gives or takes: it is counted
-(`jumps`).
+A viscous body answers to a sudden change of a gap by a spike of the force. So a cell that touches takes what is left of
+it with the time constant `EASED`: T/(T + `EASED`) of it in a step T. With the retardation tau of the bodies, the force
+changes at once by (T + tau)/(T + `EASED`) of its change at rest, at any T. A change of a gap without a motion is energy
+that the contact gives or takes: it is counted (`jumps`).
 
 Where the contact wanders over the finer surface, as where organs roll, the candidates move to other cells of it
 (`surface_cells`): in a step the neighbours of the next `SCANNED` candidates are examined, and the free one with the
 largest gap between the undeformed organs moves to one of them where that is smaller, by `BETTER`. So the candidates
 remain the cells nearest to the other organ. It begins there without force, at rest under the forces of the step. A cell
 of the start that is coarse, because it was far from the smallest gap, is left for a fine part of it where its gap
-exceeds the smallest one by less than `NEARER` of that at the start; other candidates move to the other parts.
+exceeds the smallest one by less than `NEARER` of that at the start, and is still open by `CLOSE`, so that the other
+parts get other candidates before they touch.
 """
 
 from typing import Annotated, NamedTuple
@@ -42,7 +44,7 @@ from palpate.physics.geometry.search.foot import FEET
 FINEST, COARSER = 5e-5, 0.2  # [m], [1] slide after which gap and normal of a cell are computed again
 NEAR, STEEP = 2e-3, 0.5  # [m]; [1] slide over approach of cells that close: less than 27 degrees
 TILTED = 0.02  # [rad]
-EASE, LEAST = 0.1, 1e-8  # [1]; [m] below which a change is taken at once
+EASED, LEAST = 9e-3, 1e-8  # [s]; [m] below which a change is taken at once
 SEARCHED = 5e-4  # [m]
 VERTICES = 16  # of the cells that are computed again in a step
 MOVED, TURNED = 1e-4, 0.005  # [m], [rad] after which the compliances of a cell are computed again
