@@ -4,19 +4,25 @@ Balls of 42 mm, 1 mm apart (ReducedFE, 19 kPa), of which the upper one is attach
 by 8 mm in 80 ms and back, and the lower one up by 2.5 mm and back with its foundation. The largest change of its force
 in a tick, and per second, on both organs and on the upper one alone, on the way in and on the way out, and the forces
 at the tick of the largest change on the way out. A continuous force changes in a tick in proportion to the tick.
+
+Then the first touch of the two balls, without a finger, that approach each other at v = 8 mm/s, for several rates and
+sizes of cells: the force after the first two ticks that touch, v (T + tau)/C of the cell that touches, and v tau/C.
 """
 
 import argparse
 import dataclasses
+import json
 from typing import Any
 
 import numpy as np
 
 from palpate.nodes.base.surface import surface_mesh
-from palpate.studies.organ_pairs import Case, motion, run
+from palpate.nodes.contact.between import Between
+from palpate.studies.organ_pairs import Case, motion, run, support_at
 
 RADIUS, GAP, FAR, DEPTH, CLOSING, DURATION = 21e-3, 1e-3, 30e-3, 8e-3, 2.5e-3, 80e-3  # [m], [s]
 VERTICES, ROTATION = 2000, (0.0, float(np.pi / 2.0), 0.0)
+SPEED, TAU = 8e-3, 10e-3  # [m/s], [s]
 RATES = (1000, 2000, 4000, 8000, 16000)  # [Hz]
 
 
@@ -58,11 +64,40 @@ def report(retardation: float, rate: int) -> None:
     )
 
 
+def touch(rate: int, vertices: tuple[int, int], cells: int) -> None:
+    """The first touch of two balls, of which the upper one moves down."""
+    bodies: list[dict[str, Any]] = []
+    for z, count in zip((2.0 * RADIUS + GAP, 0.0), vertices, strict=True):
+        surface = {"surface": "sphere", "vertices": count, "position": (0.0, 0.0, z)}
+        given = {"young": 19e3, "model": "linear", "retardation": TAU, "organ_loads": 1}
+        bodies.append({"use": "ReducedFE", "settings": given | surface, "surface": surface})
+    between, dt, tick = Between(bodies=json.dumps(bodies), cells=cells), 1.0 / rate, 0
+    between.start()
+    forces: list[float] = []
+    while len(forces) < 2:
+        tick += 1
+        down = np.array([0.0, 0.0, -SPEED * tick * dt])
+        force = between.step([], [], first_support=support_at(down), dt=dt).force
+        forces += [force] if force > 0.0 else []
+    held = between._held
+    cell = int(np.argmax(held["pair.active.force"]))
+    compliance = held["pair.first"][cell, cell] + held["pair.second"][cell, cell]
+    limits = [1e3 * SPEED * (step + TAU) / compliance for step in (dt, 0.0)]
+    print(
+        f"first touch, cell of {1e6 * held['areas'][cell]:.1f} mm2, {rate} Hz: {1e3 * forces[-1]:.3f} mN, "
+        f"v (T + tau)/C {limits[0]:.3f} mN, v tau/C {limits[1]:.3f} mN",
+        flush=True,
+    )
+
+
 def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     for retardation in (1e-3, 10e-3):
         for rate in RATES:
             report(retardation, rate)
+    for vertices, cells in (((10000, 10000), 160), ((2600, 2000), 160), ((10000, 10000), 512)):
+        for rate in (1000, 8000, 16000):
+            touch(rate, vertices, cells)
 
 
 if __name__ == "__main__":
