@@ -101,17 +101,17 @@ def ride_on(own, pair, rub, first, i, second, j):
     seen, force, work = floats(own.seen), pair.active.force, 0.0
     x, y = rigid.placed_back(own.ride[0], vector(own.point)), rigid.placed_back(own.ride[1], vector(own.point))
     # the motion by the forces of the last step, against what that step expected
-    _move(own, first, i, second, j, True)
-    _cells(own, pair)
-    for k in range(len(seen)):
-        by = pair.gap[k] - seen[k]
-        work += force[k] * by
-        pair.opening[k] += by
-        seen[k] = pair.gap[k]
-    own.late += work
-    by = _between(own, x, y)
+    if _move(own, first, i, second, j, True) or own.floats:
+        _cells(own, pair)
+        for k in range(len(seen)):
+            by = pair.gap[k] - seen[k]
+            work += force[k] * by
+            pair.opening[k] += by
+            seen[k] = pair.gap[k]
+        own.late += work
+    moved = _between(own, x, y)
     for k in range(3):
-        way = by[k] - own.counted[k]
+        way = moved[k] - own.counted[k]
         work += own.held[k] * way
         rub.carried[k] += way
         own.counted[k] = own.given[k] = 0.0
@@ -120,8 +120,10 @@ def ride_on(own, pair, rub, first, i, second, j):
     if _move(own, first, i, second, j, False):
         _cells(own, pair)
         after = _between(own, x, y)
-        put(own.given, (after[0] - by[0], after[1] - by[1], after[2] - by[2]))
+        put(own.given, (after[0] - moved[0], after[1] - moved[1], after[2] - moved[2]))
         put(own.counted, vector(own.given))
+    elif not own.floats:
+        _cells(own, pair)
     for side in range(2):
         for k in range(3):
             put(rub.axes[side, k], vector(own.ride[side].matrix[k]))

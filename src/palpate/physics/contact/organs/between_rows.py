@@ -14,6 +14,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from palpate.compiler.dot import dot
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix, Record, Tensor, Vector3
 
@@ -30,6 +31,7 @@ class Law(NamedTuple):
     softness q [m/Pa] (W), areas [m²] (W)  of springs at vertices of the surface
     fields (3,3V)  c_i for forces along n, t_1 and t_2, not zero;  near (V)  Q_i T, not zero
     hats, listed (V)  Q_i; the vertices where it is not zero
+    seen (3,3)  Q_j times each of the fields, not zero
     """
 
     kind: int
@@ -44,6 +46,7 @@ class Law(NamedTuple):
     near: Annotated[np.ndarray, "<f8", 1]
     hats: Annotated[np.ndarray, "<f8", 1]
     listed: Annotated[np.ndarray, "<i8", 1]
+    seen: Annotated[np.ndarray, "<f8", 2]
 
 
 def condensed_law(compliance: np.ndarray, table: np.ndarray, young: float, local: float, aside: float) -> Law:
@@ -51,7 +54,7 @@ def condensed_law(compliance: np.ndarray, table: np.ndarray, young: float, local
     size = len(compliance) // 3
     return Law(
         CONDENSED, 1.0 / young, local / young, aside, compliance, table, NO_NUMBERS, NO_NUMBERS,
-        np.zeros((3, 3 * size)), np.zeros(size), np.zeros(size), np.zeros(size, np.int64),
+        np.zeros((3, 3 * size)), np.zeros(size), np.zeros(size), np.zeros(size, np.int64), np.zeros((3, 3)),
     )  # fmt: skip
 
 
@@ -66,7 +69,7 @@ def plate_law() -> Law:
 
 
 def _local_law(kind: int) -> Law:
-    nothing = NO_NUMBERS, np.zeros((3, 0)), NO_NUMBERS, NO_NUMBERS, np.zeros(0, np.int64)
+    nothing = NO_NUMBERS, np.zeros((3, 0)), NO_NUMBERS, NO_NUMBERS, np.zeros(0, np.int64), np.zeros((3, 3))
     return Law(kind, 0.0, 0.0, 0.0, NO_TABLE, NO_TABLE, nothing[0], *nothing)
 
 
@@ -102,6 +105,19 @@ def _field(law: Law, count: int, e: Vector3, out: Array):
 
 
 @kernel
+def _fields_along(law: Law, count: int, t: Vector3, s: Vector3, out: Array, other: Array):
+    """The same for two directions, with one pass over C."""
+    out[:], other[:] = 0.0, 0.0
+    for k in range(count):
+        v = law.listed[k]
+        for x in range(3):
+            row, first, second = law.compliance[3 * v + x], law.hats[v] * t[x], law.hats[v] * s[x]
+            for j in range(len(out)):
+                out[j] += first * row[j]
+                other[j] += second * row[j]
+
+
+@kernel
 def _seen(side: Record, j: int, field: Array, e: Vector3):
     """e.Q_j times a field (3V)."""
     value = 0.0
@@ -122,6 +138,21 @@ def _apart(side: Record, j: int, near: Array):
         for a in range(3):
             value += share * side.weights[v, a] * near[side.corners[v, a]]
     return value
+
+
+@kernel
+def _see_fields(law: Law, side: Record, j: int):
+    """Fill `seen` with Q_j times each of the fields."""
+    one, two, three, seen = law.fields[0], law.fields[1], law.fields[2], law.seen
+    seen[:] = 0.0
+    for at in range(side.begins[j], side.ends[j]):
+        v, share = side.vertices[at], side.shares[at]
+        for a in range(3):
+            weight, c = share * side.weights[v, a], 3 * side.corners[v, a]
+            for k in range(3):
+                seen[0, k] += weight * one[c + k]
+                seen[1, k] += weight * two[c + k]
+                seen[2, k] += weight * three[c + k]
 
 
 @kernel
@@ -200,8 +231,7 @@ def _renew_condensed(
     # displacement of the body by unit forces on the candidate
     _field(law, listed, n, law.fields[0])
     if rubs:
-        for a in range(2):
-            _field(law, listed, vector3(tangents[a], i), law.fields[a + 1])
+        _fields_along(law, listed, vector3(tangents[0], i), vector3(tangents[1], i), law.fields[1], law.fields[2])
     local = law.local > 0.0 and len(law.table) > 0
     if local:
         law.near[:] = 0.0
@@ -220,7 +250,8 @@ def _renew_condensed(
         facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0)
         matrix[i, j] = matrix[j, i] = law.scale * _seen(side, j, law.fields[0], m) + facing * more
         if rubs:
-            _renew_drags(law, side, i, j, sign, tangents, more, drags)
+            _see_fields(law, side, j)
+            _renew_drags(law, m, i, j, sign, tangents, more, drags)
     # by forces at the terminals
     for k in range(3 * size):
         side.response[k, i] = sign * law.scale * law.fields[0, k]
@@ -230,17 +261,16 @@ def _renew_condensed(
 
 
 @kernel
-def _renew_drags(law: Law, side: Record, i: int, j: int, sign: float, tangents: Tensor, more: float, drags: Matrix):
-    """Displacement along the tangents at j by forces at i, and at i by forces at j."""
-    count = tangents.shape[1]
+def _renew_drags(law: Law, m: Vector3, i: int, j: int, sign: float, tangents: Tensor, more: float, drags: Matrix):
+    """Displacement along the tangents at j by forces at i, and at i by forces at j, after `_see_fields`; m [1] (3) is
+    n_j."""
+    count, seen = tangents.shape[1], law.seen
     for a in range(2):
         t = vector3(tangents[a], j)
-        drags[i, a * count + j] = sign * law.scale * _seen(side, j, law.fields[0], t)
-        drags[j, a * count + i] = sign * law.scale * _seen(side, j, law.fields[a + 1], vector3(side.normal, j))
+        drags[i, a * count + j] = sign * law.scale * dot(seen[0], t)
+        drags[j, a * count + i] = sign * law.scale * dot(seen[a + 1], m)
         for b in range(2):
-            e = vector3(tangents[b], i)
-            value = law.scale * _seen(side, j, law.fields[b + 1], t)
-            value += law.aside * (e[0] * t[0] + e[1] * t[1] + e[2] * t[2]) * more
+            value = law.scale * dot(seen[b + 1], t) + law.aside * dot(vector3(tangents[b], i), t) * more
             drags[(b + 1) * count + i, a * count + j] = drags[(a + 1) * count + j, b * count + i] = value
 
 
