@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pytest import approx
+from scipy.spatial.transform import Rotation
 
 from palpate.physics.contact.organs import between
 from palpate.physics.contact.organs.rubbing import rubbing, step_rubbing
@@ -108,6 +109,50 @@ def test_on_a_curved_patch_each_candidate_keeps_its_limit_and_no_energy_is_gener
             inclined += abs(rub.speed[2]) > 0.1 * np.linalg.norm(rub.speed) > 0.0
         assert worked + rub.balance["stored"][0] + lost == approx(0.0, abs=1e-9 * max(lost, 1e-12))
     assert inclined > 100
+
+
+def rotating(seed, mu, viscous, whole):
+    """60 steps of bodies on an inclined patch that rotate by up to 0.3 rad per step, after a rotation `whole` (3,3) of
+    all: friction on the first body (n,3), work on both surfaces and of the rigid motions (n), stored and lost (n,2)."""
+    rng = np.random.default_rng(seed)
+    normals = UP + 0.3 * rng.uniform(-1, 1, (SIZE, 3)) * (1.0, 1.0, 0.0)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    across = np.cross(normals, rng.standard_normal((SIZE, 3)))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    made, rub = pair_of(rng, mu, 1e4, viscous, tangents=np.stack([across, np.cross(normals, across)]))
+    moves, pressed = random_motion(rng, 60)
+    turns = [Rotation.identity(), Rotation.identity()]
+    pulls, works, kept = [], [], []
+    for move, depth in zip(moves, pressed, strict=True):
+        turns = [Rotation.from_rotvec(rng.uniform(-0.17, 0.17, 3)) * turn for turn in turns]
+        between.step_pair(made, np.stack([np.full(SIZE, -depth), np.zeros(SIZE)]), DT, 10_000)
+        rub.axes[:] = [whole @ turn.as_matrix() for turn in turns]
+        rub.carried[:] = whole @ move
+        before = rub.moved.copy()
+        step_rubbing(made, rub, DT)
+        by, along = (rub.moved - before).reshape(2, 2, SIZE), np.einsum("bmi,bami->bam", rub.force, rub.tangents)
+        works.append(float((along * by).sum() + rub.pull @ (whole @ move)))
+        pulls.append(rub.pull.copy())
+        kept.append((rub.balance["stored"][0], rub.balance["dissipated"][0]))
+        film = viscous * np.linalg.norm(rub.speed)
+        assert (np.linalg.norm(rub.force, axis=2) <= (mu + film) * made.active.force * (1 + 1e-9) + 1e-15).all()
+    return np.array(pulls), np.array(works), np.array(kept)
+
+
+@pytest.mark.parametrize("viscous", [0.0, 3.0])
+def test_bodies_that_rotate_get_no_energy_from_their_friction_and_its_frame_does_not_matter(viscous):
+    whole, rubbed = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix(), 0.0
+    for seed in range(20):
+        pulls, works, kept = rotating(seed, 0.3, viscous, np.eye(3))
+        scale = max(kept[-1, 1], 1e-12)
+        np.testing.assert_allclose(np.cumsum(works) + kept.sum(axis=1), 0.0, atol=1e-9 * scale)
+        assert np.diff(kept[:, 1], prepend=0.0).min() >= -1e-12 * scale
+        others, again, _ = rotating(seed, 0.3, viscous, whole)
+        largest = np.abs(pulls).max()
+        np.testing.assert_allclose(others, pulls @ whole.T, atol=1e-8 * largest)
+        np.testing.assert_allclose(again, works, atol=1e-8 * np.abs(works).max())
+        rubbed += largest > 1e-3
+    assert rubbed > 12
 
 
 @pytest.mark.parametrize("degrees", [0.0, 10.0, 30.0])
