@@ -7,51 +7,67 @@ machine send these frames to one another; any other program receives one frame p
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from palpate.engine.slot import Output
+from palpate.launch.run.hop.table import COUNT, FRAME, MARK, STREAM
 from palpate.nodes.base import Block
 from palpate.nodes.base.block import ENTRY, MARGIN
 
-MARK = b"\xc1"
-COUNT = 4  # [bytes]
-LONGEST = 1 << 16  # [bytes] of the messages in a frame
+LONGEST = 1 << 16  # [bytes] of the messages in a frame, so that the number of frames bounds the memory of a queue
+FRAMES, ROOM = 64, 1 << 18  # frames and bytes of a block at first
 
 
 @cache
 def picker() -> Any:
-    """The compiled function that copies the messages of one stream, loaded or compiled."""
+    """The compiled function that copies the messages of a block to frames, loaded or compiled."""
     from palpate.compiler.entry_point import entry_point
-    from palpate.launch.run.hop.frames import pick  # the compiler is slow to import
+    from palpate.launch.run.hop.pick import pick  # the compiler is slow to import
 
-    return entry_point(pick, 0, 0, 0, 0, 0)
-
-
-def frames_of(block: Block, number: int, output: Output) -> list[bytes]:
-    """The messages of one stream of a block as frames of about `LONGEST` bytes at most, so that their number bounds the
-    memory of a queue; a longer message has a frame of its length."""
-    entries = block.of(number).entries
-    if not len(entries):
-        return []
-    total = np.cumsum(entries["end"] - entries["begin"])
-    if total[-1] <= LONGEST:
-        return [_frame(block, entries, output)]
-    return [_frame(block, part, output) for part in np.split(entries, np.flatnonzero(np.diff(total // LONGEST)) + 1)]
+    return entry_point(pick, *10 * (0,))
 
 
-def _frame(block: Block, entries: np.ndarray, output: Output) -> bytes:
-    places = np.empty(len(entries), ENTRY)
-    data = np.empty(int((entries["end"] - entries["begin"]).sum()) + len(entries) * MARGIN, np.uint8)
-    picker()(entries.ctypes.data, len(entries), block.memory.ctypes.data, places.ctypes.data, data.ctypes.data)
-    return b"".join((output.topic, MARK, len(entries).to_bytes(COUNT, "little"), places.tobytes(), data.tobytes()))
+class Framer:
+    """Makes frames of the blocks of a segment, which sends these outputs. It keeps the memory for the next block."""
+
+    def __init__(self, outputs: Sequence[Output]) -> None:
+        self._outputs = list(outputs)
+        self._topics = [np.frombuffer(output.topic, np.uint8) for output in outputs]
+        self._streams = np.zeros(len(self._outputs), STREAM)
+        self._streams["topic"] = [topic.ctypes.data for topic in self._topics]
+        self._streams["skip"] = [len(topic) for topic in self._topics]
+        self._wanted = self._streams["wanted"]
+        self._extend(FRAMES, ROOM)
+
+    def _extend(self, frames: int, room: int) -> None:
+        self._frames, self._memory = np.zeros(frames, FRAME), np.zeros(room // 8, np.int64)
+        self._bytes = self._memory.view(np.uint8).data
+        places = (self._streams, len(self._streams)), (self._frames, frames), (self._memory, self._memory.nbytes)
+        self._places = [(array.ctypes.data, count) for array, count in places]
+
+    def frames(self, block: Block) -> list[bytes]:
+        """The messages of the observed streams of a block as frames of at most `LONGEST` bytes of messages each; a
+        longer message has a frame of its length."""
+        self._wanted[:] = [output.observed for output in self._outputs]
+        entries, memory = block.entries.ctypes.data, block.memory.ctypes.data
+        while True:
+            streams, frames, room = self._places
+            count, size = picker()(entries, len(block.entries), memory, *streams, LONGEST, *frames, *room)
+            if count <= frames[1] and size <= room[1]:
+                break
+            self._extend(max(2 * count, frames[1]), max(2 * size, room[1]))
+        made = self._frames[:count]
+        places = zip(made["begin"].tolist(), made["end"].tolist(), strict=True)
+        return [bytes(self._bytes[begin:end]) for begin, end in places]
 
 
 def block_of(stream: str, payload: bytes) -> Block | None:
     """The block in the payload of a frame; None: it is one message, or no block."""
-    if payload[:1] != MARK:
+    if not payload or payload[0] != MARK:
         return None
     begin = 1 + COUNT
     count = int.from_bytes(payload[1:begin], "little")
@@ -59,7 +75,7 @@ def block_of(stream: str, payload: bytes) -> Block | None:
     if not count or len(payload) < after:
         return None
     entries, memory = np.frombuffer(payload, ENTRY, count, begin), np.frombuffer(payload, np.uint8, offset=after)
-    # As `_frame` makes it: one message after the other, each after its margin.
+    # As `pick` makes it: one message after the other, each after its margin.
     lengths = entries["end"] - entries["begin"]
     begins = np.cumsum(lengths + MARGIN) - lengths
     whole = (lengths >= 0).all() and (entries["begin"] == begins).all() and entries["end"][-1] == len(memory)

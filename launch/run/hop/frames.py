@@ -9,13 +9,12 @@ import numpy as np
 from numba import types
 
 from palpate.compiler.kernel import kernel
-from palpate.compiler.memory import big, copy, pointer, set_big, set_word
+from palpate.compiler.memory import big, pointer, set_big, set_word
 from palpate.engine.compiled_tick import ENTRY_SIZE, entry_at, head_at, input_at, needed, row_at
 from palpate.engine.encode import byte
 from palpate.launch.run.hop.decode import decode, memcmp
 from palpate.launch.run.hop.table import DONE, OUTPUT, PORT, READER, SEGMENT, WIRE
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
-from palpate.nodes.base.block import MARGIN
 
 _INT, _LONG = types.int32, types.int64
 recv: Any = types.ExternalFunction("recv", _LONG(_INT, _LONG, _LONG, _INT))
@@ -231,20 +230,3 @@ def deliver(hop, segment, clock):
                 hop.sent = (2 if length < 256 else 9) + length + lacking
             return OUTPUT
     return DONE
-
-
-@kernel
-def pick(entries, count, memory, places, to):
-    """Copy messages to one place: each after its margin, without the messages between them.
-
-    entries, count  address and number of their entries;  memory  address of their bytes
-    places, to      addresses of the new entries and bytes
-    """
-    at = np.int64(0)
-    for k in range(count):
-        given, made = entry_at(entries + k * ENTRY_SIZE), entry_at(places + k * ENTRY_SIZE)
-        length = given.end - given.begin
-        made.number, made.tick, made.time = 0, given.tick, given.time
-        made.begin, made.end = at + MARGIN, at + MARGIN + length
-        copy(to + at, memory + given.begin - MARGIN, MARGIN + length)
-        at += MARGIN + length

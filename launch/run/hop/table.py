@@ -1,5 +1,5 @@
 """The table of a hop, which `tick` and `frames` execute: its segments, the wires that it reads, the ports that these
-fill, and its readers."""
+fill, and its readers; and the frames for observers, which `pick` fills."""
 
 import numpy as np
 
@@ -77,6 +77,22 @@ late, lost       counts of the leading node since the last call
 now, time, begun the present tick, its time [ns], and when its nodes began [ns of the monotonic clock]
 wakes, spread    [ns] by how much later than asked a sleep ends, and the mean deviation from it; running means
 """
+STREAM = np.dtype([(n, "<i8") for n in ("topic", "skip", "wanted", "first", "open")])
+"""A stream of a block whose messages become frames.
+
+topic, skip  address and length of the stream's name and a zero byte
+wanted       whether to make frames of it
+first, open  numbers of its first frame and of the one to which the next message belongs; -1: none
+"""
+FRAME = np.dtype([(n, "<i8") for n in ("begin", "end", "next", "count", "size", "done", "entry", "data")])
+"""A frame of the messages of one stream.
+
+begin, end  of its bytes;  next  number of the next frame of the stream; -1: none
+count, size number of its messages, and [bytes] of them without margins;  done  number of copied messages
+entry, data address of the entry and, from the first one on, offset of the bytes of the next message
+"""
+MARK, COUNT = 0xC1, 4
+"""The first byte after the topic of a frame, which begins no msgpack value, and the bytes of its number of messages."""
 HEADER, SCRATCH = 9, 32
 DONE, INPUT, OUTPUT, JOURNAL, FAILED, BETWEEN = range(6)
 """Why a call returned: all ticks have run; an input is missing or has another form; a reader needs attention; the

@@ -14,14 +14,14 @@ closed when its readers have received everything: ZeroMQ would discard frames fo
 import contextlib
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import msgspec
 import zmq
 
 from palpate.engine.clock import POLL_INTERVAL, now
 from palpate.engine.slot import Output
-from palpate.launch.run.hop.blocks import frames_of
+from palpate.launch.run.hop.blocks import Framer
 from palpate.launch.run.reports import ORDERS, REPEATED, Addressed, Beat, NodesEnded, Note, Order, Report
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import HIGH_WATER, LONGEST_FRAME, Inlet, TcpInlet
@@ -156,6 +156,7 @@ class Bus:
         self._parcels: deque[bytes] = deque()  # of them, not yet sent
         self._shown: list[bytes] = []  # for other programs
         self._blocks = True  # whether observers of the run get blocks
+        self._framers: dict[tuple[str, ...], Framer] = {}  # by the streams of a segment
         self._packer, self._unpacker = Packer(together=real), Unpacker(LONGEST_FRAME)
         self._unpacked: deque[bytes] = deque()  # frames for the observers here
         self.final: list[bytes] = []
@@ -384,17 +385,27 @@ class Bus:
         self._kept.append(data)
         self._shown.append(data)
 
-    def keep_block(self, block: Block, number: int, output: Output) -> None:
-        """Buffer the messages of one output in a block: one frame for the observers of the run, frames of one message
-        for other programs and other machines."""
-        kept = [self._shown] if self._public.has_reader(output.topic) else []
-        if self._blocks:
-            self._kept += frames_of(block, number, output)
-        else:
-            kept.append(self._kept)
-        for _, _, payload in block.of(number).messages() if kept else ():
-            for each in kept:
-                each.append(output.topic + payload)
+    def keep_block(self, block: Block, outputs: Sequence[Output]) -> None:
+        """Buffer the messages of the observed outputs in a block: frames of many messages for the observers of the run,
+        frames of one message for other programs and other machines.
+
+        outputs  those of the block, by number
+        """
+        if self._blocks and self.listeners:
+            streams = tuple(block.streams)
+            framer = self._framers.get(streams)
+            if framer is None:
+                framer = self._framers[streams] = Framer(outputs)
+            self._kept += framer.frames(block)
+        for number, output in enumerate(outputs):
+            if not output.observed:
+                continue
+            kept = [self._shown] if self._public.has_reader(output.topic) else []
+            if not self._blocks:
+                kept.append(self._kept)
+            for _, _, payload in block.of(number).messages() if kept else ():
+                for each in kept:
+                    each.append(output.topic + payload)
 
     def flush(self, holds: Callable[[], None] = lambda: None) -> None:
         """Send the buffered frames.

@@ -300,9 +300,7 @@ class Worker:
             if self._real:
                 observer.take()
         if self.bus is not None:
-            for number, stream in enumerate(block.streams):
-                if self.outputs[stream].observed:
-                    self.bus.keep_block(block, number, self.outputs[stream])
+            self.bus.keep_block(block, [self.outputs[stream] for stream in block.streams])
 
     def _publish(self, bus: Bus, output: Output, tick: int, payload: bytes) -> None:
         """Send an encoded message to its readers in other processes."""
