@@ -33,7 +33,7 @@ OVERHEARD = 1000  # frames for observers handled in a row before the nodes run a
 ORPHANED = 5_000_000_000  # [ns] without an order of the launcher, time without scheduling excluded
 LOOK = 5_000_000  # [ns] between two polls of orders and readers while messages arrive
 REPORT = 200_000_000  # [ns] between two heartbeats
-REPORTED = 3  # nodes in one part of a heartbeat
+PARTS = 6  # of a heartbeat for the nodes at most, so that the last one ends before the next heartbeat
 HELD = 0.007  # [s] age at which an input of a node on the real clock counts as absent
 RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
 
@@ -100,7 +100,8 @@ class Worker:
         """Stream and tick of the message that it waits for, from the first `POLL_INTERVAL` on."""
         self._since = 0
         self._reported = self._polled = 0
-        self._sign: Iterator[None] = iter(())  # the rest of a report
+        self._sign: Iterator[None] | None = None  # the rest of a heartbeat
+        self._signed = False  # whether the last housekeeping sent a part of one
         self._launcher = Silence()
         self.launcher_clock = FarClock() if alone else None
         self.origin = 0
@@ -231,7 +232,8 @@ class Worker:
             if self._since > 0:
                 for slot in self.slots:
                     slot.node.replaces()
-        self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
+        for slot in self.slots:
+            self._tell_observers(slot, slot.health.report())
 
     def end_streams(self) -> None:
         """After the last step: send all messages, and the last health of the nodes."""
@@ -438,8 +440,13 @@ class Worker:
         """After some ticks: every few ticks send to observers and launcher. EndedError: `Quit` was ordered."""
         self._burst += ticks
         moment = clock.now()
-        if self._real:
-            next(self._sign, None)
+        if self._sign is not None and not self._signed:
+            # A part takes as long as sending the messages; at 5 kHz both in one pause would take longer than a tick.
+            self._signed = True
+            if next(self._sign, self) is self:
+                self._sign = None
+            return
+        self._signed = False
         due = moment - self._reported > REPORT  # slow nodes must also send heartbeats
         if self._burst < self._ticks_per_burst and not due:
             return
@@ -455,7 +462,7 @@ class Worker:
                 self._mark_heard()
         self._flush()
         if due and self._real:
-            self._sign = self._signs()
+            self._sign = self._sign or self._signs()
         elif due:
             self.sign_of_life()
 
@@ -490,7 +497,7 @@ class Worker:
 
     def sign_of_life(self) -> None:
         """Send the health of the nodes to launcher and observers."""
-        self._sign = iter(())
+        self._sign = None
         for _ in self._signs():
             pass
 
@@ -504,28 +511,28 @@ class Worker:
             if isinstance(part, CompiledSegment):
                 part.count()
         nodes: dict[str, Counters] = {}
+        share = -(-len(self.slots) // PARTS)
         for k, slot in enumerate(self.slots):
-            if k % REPORTED == 0:
+            if k % share == 0:
                 yield
             slot.health.state = slot.node.condition() or "ready"
             nodes[slot.name] = slot.health.report(slot.forces())
+            self._tell_observers(slot, nodes[slot.name])
         yield
-        self._tell_observers(nodes)
         nodes |= {observer.name: observer.health.report() for observer in self.audience.slots}
         self.report(Alive(nodes, self.awaits))
         yield
         self.pass_notes()
 
-    def _tell_observers(self, nodes: dict[str, Counters]) -> None:
-        """Send the health of the nodes to the observers here and in other workers."""
+    def _tell_observers(self, slot: Slot, counters: Counters) -> None:
+        """Send the health of a node to the observers here and in other workers."""
         far = self.bus is not None and self.bus.has_reader(HEALTH)
         if not far and not self.audience.begun:
             return
-        for slot in self.slots:
-            health = self._health(slot, nodes[slot.name])
-            self.audience.pass_health(health)
-            if far and self.bus is not None:
-                self.bus.keep(frame(HEALTH, pack(health)))
+        health = self._health(slot, counters)
+        self.audience.pass_health(health)
+        if far and self.bus is not None:
+            self.bus.keep(frame(HEALTH, pack(health)))
 
     def _health(self, slot: Slot, counters: Counters) -> Health:
         """The health of a node as a message."""

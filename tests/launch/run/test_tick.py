@@ -11,9 +11,10 @@ from palpate.engine.tick import run_tick
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
 from palpate.launch.run.assign import jobs
+from palpate.launch.run.reports import Alive
 from palpate.launch.run.work import real
 from palpate.launch.run.work.simulated import SimulatedClock
-from palpate.launch.run.work.worker import Worker
+from palpate.launch.run.work.worker import BURST, REPORT, Worker
 from palpate.messages import pack
 
 TICKS = 400
@@ -105,3 +106,34 @@ def test_a_late_worker_marks_its_nodes_as_restarted(late):
     [controller] = [slot.node for slot in worker.slots if slot.name == "controller"]
     assert controller.own["replaces"] == late
     worker.stop()
+
+
+@pytest.mark.parametrize("period", [0.01, 1.0], ids=["parts in time", "parts slower than heartbeats"])
+def test_a_pause_between_ticks_sends_messages_or_a_part_of_a_heartbeat(monkeypatch, period):
+    """Both in one pause take longer than a tick at 5 kHz. A slow heartbeat ends before the next one begins."""
+    launch = replace(find("kidney").but(place="fused"), record=None)
+    planned = plan(launch.load())
+    [job] = jobs(planned, launch.placement(planned), clock="real", ticks=TICKS)
+    done: list[str] = []
+
+    def part(node: object) -> str:
+        done.append("part")
+        return ""
+
+    worker = Worker(job, None, lambda report: done.append("heartbeat") if isinstance(report, Alive) else None)
+    worker.start()
+    worker.begin(now())
+    moments = count(now() + 2 * REPORT, round(period * REPORT))
+    monkeypatch.setattr("palpate.launch.run.work.worker.clock.now", lambda: next(moments))
+    monkeypatch.setattr(worker, "_flush", lambda: done.append("messages"))
+    for slot in worker.slots:
+        monkeypatch.setattr(type(slot.node), "condition", part)
+    pauses = []
+    for _ in range(200):
+        done.clear()
+        worker.housekeep(BURST)
+        pauses.append(set(done))
+    worker.stop()
+    assert not any("messages" in pause and pause & {"part", "heartbeat"} for pause in pauses)
+    assert sum("messages" in pause for pause in pauses) >= 100
+    assert sum("heartbeat" in pause for pause in pauses) > 1
