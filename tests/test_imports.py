@@ -295,11 +295,16 @@ def test_a_run_of_nodes_that_compile_nothing_imports_no_compiler(tmp_path):
 
 
 def test_reading_the_kidney_graph_neither_starts_the_compiler_nor_imports_what_is_slow_of_scipy():
-    code = "import sys; from palpate.launch.load.launchfile import find; find('kidney').plan(); print(*sys.modules)"
+    code = (
+        "import sys; from palpate.launch.load.launchfile import find; find('kidney').plan(); print(*sys.modules)\n"
+        "from palpate.compiler.kernel_cache import versions; print(versions.cache_info().misses)"
+    )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     slow = {f"scipy.{part}" for part in ("linalg", "ndimage", "optimize", "sparse", "spatial", "special")}
     started = "numba.np.linalg"  # numba imports its support of numpy when the first kernel is compiled or loaded
-    assert not {*slow, started}.intersection(out.split())
+    *loaded, found = out.split()
+    assert not {*slow, started}.intersection(loaded)
+    assert found == "0"  # finding the folder of the kernels reads the descriptions of three packages
 
 
 def test_the_extras_are_those_of_the_installation():

@@ -15,6 +15,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +46,16 @@ class CodeCache:
 
     def __init__(self, kernel: Any, machine_code: bool) -> None:
         self._kernel, self.machine_code = kernel, machine_code
-        self.cache_path = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
-        self._folders = [path for path in (kernel_cache.shipped_folder(), self.cache_path) if path is not None]
         self._names: dict[Any, Names] = {}
+
+    @cached_property
+    def cache_path(self) -> Path:
+        """The user's folder; determined when the kernel is loaded, as a check of a graph loads none."""
+        return kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
+
+    @cached_property
+    def _folders(self) -> list[Path]:
+        return [path for path in (kernel_cache.shipped_folder(), self.cache_path) if path is not None]
 
     def names(self, sig: Any) -> "Names":
         """The names that the file for these types may have; read again when the kernel is compiled."""
