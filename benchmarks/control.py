@@ -24,9 +24,7 @@ class Control:
         self.seconds, self.rate = seconds, rate
         self._first: dict[str, int] = {}
         self._last: dict[str, int] = {}
-        self._end, theirs = multiprocessing.Pipe()
-        self._process = multiprocessing.get_context("fork").Process(target=_sleep, args=(theirs,), daemon=True)
-        self._process.start()
+        self._end, self._process = _sleeper()
 
     def look(self, launcher: Launcher) -> None:
         """Start the sleep at the first call during the run; at each call read how long processes waited for a core."""
@@ -51,6 +49,23 @@ class Control:
         waits = {group: (self._last[group] - before) * 1e-9 / ticks for group, before in self._first.items()}
         return {"missed": lateness.missed, "p50": lateness.p50, "p99": lateness.p99, "p999": lateness.p999,
                 "queue": waits}  # fmt: skip
+
+
+def missed(seconds: float, core: tuple[int, ...] | None, priority: int, period: float) -> Lateness:
+    """The lateness of a process that sleeps until each tick, without a run."""
+    end, process = _sleeper()
+    end.send((core, priority, seconds, period))
+    lateness: Lateness = end.recv()
+    process.join()
+    return lateness
+
+
+def _sleeper() -> tuple[Connection, multiprocessing.process.BaseProcess]:
+    """A process that waits for what to do, see `_sleep`, and the connection to it."""
+    end, theirs = multiprocessing.Pipe()
+    process = multiprocessing.get_context("fork").Process(target=_sleep, args=(theirs,), daemon=True)
+    process.start()
+    return end, process
 
 
 def _sleep(end: Connection) -> None:

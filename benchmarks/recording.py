@@ -1,6 +1,6 @@
 """Cost of recording and replay: rate of the kidney graph, size of files, speed of replay and check, memory of a replay.
 
-    python benchmarks/recording.py [--minutes M] [--seconds S] [--json] [--processor-time]
+    python benchmarks/recording.py [--minutes M] [--seconds S] [--json] [--processor-time] [--real]
 
 Rates are medians of alternating runs on simulated time, as fast as the machine allows: without a recording, with
 sources only, and with all streams. Without a recording the shape of the surface is not computed, because no node reads
@@ -27,16 +27,21 @@ from pathlib import Path
 
 import numpy as np
 import zstandard
+from control import missed
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from tables import parser, show
 
 from palpate.launch.load.launchfile import ALL, SOURCES, find
+from palpate.launch.load.placement import AUTO
 from palpate.launch.load.plan import plan
+from palpate.launch.run.assign import PRIORITY, cores_of
 from palpate.launch.run.execute import execute
 from palpate.records.format.mcap_writer import CHUNK_SIZE, LEVEL
+from palpate.records.reader import Recording
 
 ROUNDS = 5
+REAL, REPEATED = 5000.0, 8  # [Hz], and runs on the real clock
 SHORT, LONG = 0.5, 6.0  # [s] simulated time of the runs for the processor time
 BODIES = ("MassSpring", "ReducedFE")
 NOTHING, COMPUTED = "without", "computed"
@@ -130,6 +135,42 @@ def least(path: Path) -> dict[str, float]:
     }
 
 
+def left_out(seconds: float, record: Path | None) -> dict[str, float]:
+    """Shares [%] of the ticks that a run on the real clock leaves out, and of the messages that its recording lacks."""
+    launch = find("kidney").but(duration=seconds, place=AUTO, clock="real", overrides=(f"rate={REAL}",), only=ALL)
+    outcome = execute(dataclasses.replace(launch, record=record))
+    if not outcome.result.ok:
+        raise SystemExit(str(outcome.result.deaths[0]))
+    device = outcome.result.health["device"]
+    shares = {"ticks": 100 * device["late"] / (device["steps"] + device["late"])}
+    if record is not None:
+        counts = Recording(record).counts.values()
+        lost = sum(each["lost"] for each in counts)
+        shares["messages"] = 100 * lost / (lost + sum(each["count"] for each in counts))
+    return shares
+
+
+def asleep(seconds: float) -> dict[str, float]:
+    """Share [%] of the ticks that a process misses that only sleeps, with the core and priority of the force path."""
+    lateness = missed(seconds, cores_of(True, False, 2), PRIORITY + 1, 1.0 / REAL)
+    return {"ticks": 100 * lateness.missed}
+
+
+def on_real_clock(seconds: float, folder: Path) -> dict[str, dict[str, list[float]]]:
+    """Shares [%] of ticks and messages that are left out, of each run."""
+    cases: dict[str, Callable[[], dict[str, float]]] = {
+        "a process that only sleeps": lambda: asleep(seconds),
+        NOTHING: lambda: left_out(seconds, None),
+        ALL: lambda: left_out(seconds, folder / "real.mcap"),
+    }
+    found: dict[str, dict[str, list[float]]] = {name: {} for name in cases}
+    for _ in range(REPEATED):
+        for name, measured in cases.items():
+            for key, share in measured().items():
+                found[name].setdefault(key, []).append(share)
+    return found
+
+
 def replayed(path: Path, *options: str) -> dict[str, float]:
     """Multiple of real time and peak memory [MB] of `palpate replay` in a separate process."""
     command = [sys.executable, "-m", "palpate.cli", "replay", str(path), "--json", *options]
@@ -151,7 +192,16 @@ def main() -> None:
     options.add_argument("--minutes", type=float, default=0.5, help="length of the long recording")
     options.add_argument("--seconds", type=float, default=4.0, help="simulated time of each run for the overhead")
     options.add_argument("--processor-time", action="store_true", help="only the processor time of a tick")
+    options.add_argument("--real", action="store_true", help="only what the real clock leaves out at 5 kHz")
     given = options.parse_args()
+    if given.real:
+        with tempfile.TemporaryDirectory() as name:
+            shares = on_real_clock(given.seconds, Path(name))
+        if given.json:
+            print(json.dumps(shares))
+            return
+        _print_left_out(shares)
+        return
     if given.processor_time:
         with tempfile.TemporaryDirectory() as name:
             times = {key: row for body in BODIES for key, row in processor_time(body, Path(name)).items()}
@@ -178,6 +228,16 @@ def main() -> None:
         print(json.dumps(figures))
         return
     _print(figures)
+
+
+def _print_left_out(shares: dict[str, dict[str, list[float]]]) -> None:
+    title = f"left out at {REAL:.0f} Hz on the real clock, --place auto: median, least to most of {REPEATED} runs"
+    columns = ("ticks", "messages")
+    show(title, [{"": name} | {f"{key} [%]": _range(row.get(key)) for key in columns} for name, row in shares.items()])
+
+
+def _range(shares: list[float] | None) -> str:
+    return f"{statistics.median(shares):.2f}, {min(shares):.2f} to {max(shares):.2f}" if shares else ""
 
 
 def _print(figures: dict) -> None:
