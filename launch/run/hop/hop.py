@@ -71,6 +71,8 @@ class Owner(Protocol):
     last: int | None
     tick: int
     feeds: dict[str, RemoteStream]
+    handed: bool
+    unsent: bool
 
     def show(self, block: Block) -> None:
         """Pass messages to the observers."""
@@ -174,15 +176,17 @@ class Hop:
         if not self._set_lead(lead):
             return 0
         state, worker = self._state[0], self._worker
+        sends = worker.unsent  # then the messages of this tick wait in the journals: no node awaits them
         self._prepare()
         state["origin"], state["last"] = origin, worker.tick
         state["end"] = FAR if worker.last is None else worker.last
         # Each worker returns to Python after other ticks than the others, since they share the core.
-        most = 1 if self._bus.served_readers() else self._block - (worker.tick + 1 + self._phase) % self._block
+        most = 1 if self._bus.served_readers() or sends else self._block - (worker.tick + 1 + self._phase) % self._block
         why = self._run(self._where, most, now() + 2 * REAL_LONGEST)
         ran, worker.tick = int(state["done"]), int(state["last"])
         if why in (DONE, BETWEEN):
-            self._hand_over()
+            if not (sends and ran):
+                self._hand_over()
             if not ran:
                 self.release()
             return ran
@@ -282,6 +286,7 @@ class Hop:
             block = part.block()
             if block is not None:
                 self._worker.show(block)
+                self._worker.handed = self._worker.handed or part.collects
                 part.clear()
 
     # -- sockets -------------------------------------------------------------------------------------------------

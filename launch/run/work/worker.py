@@ -106,10 +106,13 @@ class Worker:
         self.launcher_clock = FarClock() if alone else None
         self.origin = 0
         """[ns] Time of tick 0 on the clock of this machine."""
-        fast = self._real and job.rate > FAST
-        self._ticks_per_burst = max(1, round(BURST * FAST / job.rate)) if fast else BURST
+        self._fast = self._real and job.rate > FAST
+        self._ticks_per_burst = max(1, round(BURST * FAST / job.rate)) if self._fast else BURST
         self._burst = job.phase % self._ticks_per_burst
         self._started: list[tuple[str, Node]] = []
+        self.handed = self.unsent = False
+        """Whether the hop has handed messages over that no node awaits, in this pause between two ticks; whether those
+        of an earlier pause have not been sent."""
         self.hop: Hop | None = None
         """Set at tick 0 if all nodes are compiled and all connections stay on this machine."""
         if bus is not None:
@@ -439,16 +442,21 @@ class Worker:
     def housekeep(self, ticks: int = 1) -> None:
         """After some ticks: every few ticks send to observers and launcher. EndedError: `Quit` was ordered."""
         self._burst += ticks
-        moment = clock.now()
+        handed, self.handed = self.handed, False
+        full = self._burst >= self._ticks_per_burst
+        # To hand messages over, to send them and a part of a heartbeat take half a period each at 5 kHz: one a pause.
+        if handed and full and self._fast and not self.unsent:
+            self.unsent = True
+            return
         if self._sign is not None and not self._signed:
-            # A part takes as long as sending the messages; at 5 kHz both in one pause would take longer than a tick.
             self._signed = True
             if next(self._sign, self) is self:
                 self._sign = None
             return
         self._signed = False
+        moment = clock.now()
         due = moment - self._reported > REPORT  # slow nodes must also send heartbeats
-        if self._burst < self._ticks_per_burst and not due:
+        if not full and not due:
             return
         self._burst = 0
         if moment - self._polled > LOOK:
@@ -460,15 +468,17 @@ class Worker:
                 self._overhear_some()
             if self.bus is not None and self.bus.update_listeners():
                 self._mark_heard()
-        self._flush()
+        self._flush(hand_over=not self.unsent)
+        self.unsent = False
         if due and self._real:
             self._sign = self._sign or self._signs()
         elif due:
             self.sign_of_life()
 
-    def _flush(self) -> None:
+    def _flush(self, hand_over: bool = True) -> None:
+        """Send the buffered messages to the observers; `hand_over`: also those in the journals."""
         for part in self.parts:
-            if isinstance(part, CompiledSegment):
+            if isinstance(part, CompiledSegment) and hand_over:
                 part.hand_over()
         for observer in self.audience.begun:
             observer.take()

@@ -116,3 +116,18 @@ def test_a_stalled_loop_continues_without_a_jump(tmp_path):
     before, after = contact["force"][at], contact["force"][at + 1 : at + 20]
     assert before > 1.0
     assert after[0] > 0.5 * before and after.max() < 10.0
+
+
+def test_messages_of_a_fast_clock_are_recorded_once_and_in_order(tmp_path):
+    """Above 2.5 kHz they are handed over in another pause between two ticks than they are sent."""
+    path = tmp_path / "fast.mcap"
+    launch = find("kidney").but(place="auto", clock="real", duration=0.5, overrides=("rate=5000",), record=path)
+    result = execute(launch).result
+    assert result.ok, result.deaths
+    recording = Recording(path)
+    counts = recording.counts
+    assert all(count["lost"] == 0 for count in counts.values()) and len(counts) > 8
+    for stream in counts:
+        found = [message.tick for message in recording.messages(stream)]
+        assert len(found) == result.health[stream]["steps"] > 500
+        assert all(a < b for a, b in pairwise(found))

@@ -109,9 +109,11 @@ def test_a_late_worker_marks_its_nodes_as_restarted(late):
 
 
 @pytest.mark.parametrize("period", [0.01, 1.0], ids=["parts in time", "parts slower than heartbeats"])
-def test_a_pause_between_ticks_sends_messages_or_a_part_of_a_heartbeat(monkeypatch, period):
-    """Both in one pause take longer than a tick at 5 kHz. A slow heartbeat ends before the next one begins."""
-    launch = replace(find("kidney").but(place="fused"), record=None)
+@pytest.mark.parametrize("rate", [1000.0, 5000.0])
+def test_a_pause_between_two_ticks_has_one_job(monkeypatch, period, rate):
+    """To hand messages over, to send them, or to send a part of a heartbeat: two of them take longer than a tick at
+    5 kHz. A slow heartbeat ends before the next one begins."""
+    launch = replace(find("kidney").but(place="fused", overrides=[f"rate={rate}"]), record=None)
     planned = plan(launch.load())
     [job] = jobs(planned, launch.placement(planned), clock="real", ticks=TICKS)
     done: list[str] = []
@@ -125,15 +127,24 @@ def test_a_pause_between_ticks_sends_messages_or_a_part_of_a_heartbeat(monkeypat
     worker.begin(now())
     moments = count(now() + 2 * REPORT, round(period * REPORT))
     monkeypatch.setattr("palpate.launch.run.work.worker.clock.now", lambda: next(moments))
-    monkeypatch.setattr(worker, "_flush", lambda: done.append("messages"))
+    monkeypatch.setattr(worker, "_flush", lambda hand_over=True: done.append("messages"))
     for slot in worker.slots:
         monkeypatch.setattr(type(slot.node), "condition", part)
     pauses = []
-    for _ in range(200):
+    for _ in range(300):
         done.clear()
+        if not worker.unsent:  # as the hop does
+            worker.handed = True
+            done.append("hands over")
         worker.housekeep(BURST)
-        pauses.append(set(done))
+        pauses.append({"part" if kind == "heartbeat" else kind for kind in done})
+        pauses[-1] |= {"heartbeat"} & set(done)
     worker.stop()
-    assert not any("messages" in pause and pause & {"part", "heartbeat"} for pause in pauses)
-    assert sum("messages" in pause for pause in pauses) >= 100
+    kinds = [pause - {"heartbeat"} for pause in pauses]
+    if rate > 1000.0:
+        assert max(map(len, kinds)) == 1
+    else:
+        assert not any({"messages", "part"} <= pause for pause in kinds)
+    for kind in ("hands over", "messages"):
+        assert sum(kind in pause for pause in kinds) >= 100, kind
     assert sum("heartbeat" in pause for pause in pauses) > 1
