@@ -41,6 +41,7 @@ AHEAD = 200  # parcels that an observer buffers, and that are buffered for it on
 QUEUED = 4000
 """Parcels that are buffered for each observer of the run on the real clock, 64 MB at most: a log process gets little
 processor time next to a browser that draws in software."""
+TOGETHER = 10_000_000  # [ns] that a short frame waits for others: a queue is limited by the number of its parcels
 LINK_TIME = 1_000_000_000  # [ns] timeout on the real clock for a writer that accepts the connection and stays silent
 AGAIN_TIME = 300_000_000  # [ns] in which observers of a restarted worker connect: three intervals of libzmq
 
@@ -157,6 +158,7 @@ class Bus:
         self._shown: list[bytes] = []  # for other programs
         self._blocks = True  # whether observers of the run get blocks
         self._framers: dict[tuple[str, ...], Framer] = {}  # by the streams of a segment
+        self._packed = 0  # [ns] when no frame waited for others
         self._packer, self._unpacker = Packer(together=real), Unpacker(LONGEST_FRAME)
         self._unpacked: deque[bytes] = deque()  # frames for the observers here
         self.final: list[bytes] = []
@@ -407,15 +409,19 @@ class Bus:
                 for each in kept:
                     each.append(output.topic + payload)
 
-    def flush(self, holds: Callable[[], None] = lambda: None) -> None:
+    def flush(self, holds: Callable[[], None] = lambda: None, rest: bool = True) -> None:
         """Send the buffered frames.
 
+        rest   if not, short frames may wait up to `TOGETHER` for others of their stream, on the real clock
         holds  called repeatedly while the buffer of an observer of the run is full, on the simulated clock; the
                launcher kills observers that hang
         """
         shown, self._shown = self._shown, []
         self._public.publish(shown)
-        self._parcels += self._packer.pack(self._kept)
+        moment = now()
+        rest = rest or moment - self._packed > TOGETHER
+        self._parcels += self._packer.pack(self._kept, rest)
+        self._packed = moment if rest else self._packed
         self._kept.clear()
         while self._parcels:
             try:

@@ -31,21 +31,24 @@ class Packer:
 
     def __init__(self, together: bool) -> None:
         self._together, self._number = together, 0
+        self._waiting: dict[bytes, list[bytes]] = {}  # by the stream, with its zero byte
 
-    def pack(self, frames: Iterable[bytes]) -> Iterator[bytes]:
-        """The parcels of these frames."""
-        waiting: dict[bytes, list[bytes]] = {}
+    def pack(self, frames: Iterable[bytes], rest: bool = True) -> Iterator[bytes]:
+        """The parcels of these frames. Without `rest`, frames of a stream that share a parcel may wait for more until
+        they fill one, or for a call with it."""
         for frame in frames:
             begin = frame.index(b"\0") + 1
             if self._together and frame[:1] != b"!":
-                waiting.setdefault(frame[:begin], []).append(frame)
+                self._waiting.setdefault(frame[:begin], []).append(frame)
                 continue
-            yield from self._gather(waiting)
-            waiting = {}
+            yield from self._gather(0)
             yield from self._divide(frame, begin)
-        yield from self._gather(waiting)
+        yield from self._gather(0 if rest else LONGEST)
 
-    def _gather(self, waiting: dict[bytes, list[bytes]]) -> Iterator[bytes]:
+    def _gather(self, least: int) -> Iterator[bytes]:
+        """The parcels of the waiting frames; the last ones of a stream still wait if they have less than `least`
+        bytes."""
+        waiting, self._waiting = self._waiting, {}
         for topic, frames in waiting.items():
             begin, first, length = len(topic), 0, 0
             for place, frame in enumerate(frames):
@@ -54,7 +57,10 @@ class Packer:
                     yield from self._several(topic, frames[first:place])
                     first, length = place, 0
                 length += more
-            yield from self._several(topic, frames[first:])
+            if length < least:
+                self._waiting[topic] = frames[first:]
+            else:
+                yield from self._several(topic, frames[first:])
 
     def _several(self, topic: bytes, frames: list[bytes]) -> Iterator[bytes]:
         begin = len(topic)

@@ -468,22 +468,23 @@ class Worker:
                 self._overhear_some()
             if self.bus is not None and self.bus.update_listeners():
                 self._mark_heard()
-        self._flush(hand_over=not self.unsent)
+        self._flush(hand_over=not self.unsent, rest=False)
         self.unsent = False
         if due and self._real:
             self._sign = self._sign or self._signs()
         elif due:
             self.sign_of_life()
 
-    def _flush(self, hand_over: bool = True) -> None:
-        """Send the buffered messages to the observers; `hand_over`: also those in the journals."""
+    def _flush(self, hand_over: bool = True, rest: bool = True) -> None:
+        """Send the buffered messages to the observers; `hand_over`: also those in the journals; `rest`: see
+        `Bus.flush`."""
         for part in self.parts:
             if isinstance(part, CompiledSegment) and hand_over:
                 part.hand_over()
         for observer in self.audience.begun:
             observer.take()
         if self.bus is not None:
-            self.bus.flush(self._poll_while_full)
+            self.bus.flush(self._poll_while_full, rest)
 
     def _poll_while_full(self) -> None:
         """While the buffers of observers are full: handle orders and send heartbeats."""

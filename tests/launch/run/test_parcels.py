@@ -29,10 +29,10 @@ def by_stream(found: list[bytes]) -> dict[bytes, list[bytes]]:
 def test_all_frames_arrive_in_bounded_parcels(seed, together):
     draw = random.Random(seed)
     packer, unpacker, sent, got = Packer(together), Unpacker(ROOM), [], []
-    for _ in range(5):
+    for number in range(5):
         burst = frames(draw, draw.randint(0, 12))
         sent += burst
-        for parcel in packer.pack(burst):
+        for parcel in packer.pack(burst, rest=number == 4 or draw.random() < 0.5):
             assert len(parcel) <= LONGEST + HEAD and parcel.startswith((*STREAMS, b"!health\0"))
             got += unpacker.unpack(parcel)
     assert by_stream(got) == by_stream(sent)
@@ -46,11 +46,25 @@ def test_short_frames_share_parcels():
     assert len(list(packer.pack(burst))) == 2
 
 
+def test_short_frames_wait_for_others_of_their_stream_until_they_fill_a_parcel():
+    """At 5 kHz a short frame of each stream every 2 ms filled the queue of a busy logger with parcels of 2 kB."""
+    packer, sizes = Packer(together=True), [0]
+    for _ in range(40):
+        sizes += map(len, packer.pack([b"a\0" + b"x" * 2000, b"b\0" + b"y" * 20], rest=False))
+    assert len(sizes) == 1 + 4 and min(sizes[1:]) > LONGEST - 2000
+    rest = {parcel[:2]: Unpacker(ROOM).unpack(parcel) for parcel in packer.pack([], rest=True)}
+    assert {topic: len(found) for topic, found in rest.items()} == {b"a\0": 8, b"b\0": 40}
+
+
 def test_nothing_passes_a_frame_about_all_streams():
     """The health of nodes says how many messages were sent before it."""
     burst = [b"a\0one", b"b\0one", b"!health\0h", b"a\0two", b"!health\0h", b"b\0two"]
     packer, unpacker = Packer(together=True), Unpacker(ROOM)
     assert [frame for parcel in packer.pack(burst) for frame in unpacker.unpack(parcel)] == burst
+    last = [b"!health\0h", b"!end\0"]
+    packed = [packer.pack([frame], rest=False) for frame in burst[:2]]
+    assert [list(parcels) for parcels in packed] == [[], []]
+    assert [frame for parcel in packer.pack(last, rest=False) for frame in unpacker.unpack(parcel)] == burst[:2] + last
 
 
 @pytest.mark.parametrize("together", [False, True])
