@@ -304,7 +304,7 @@ def test_reading_the_kidney_graph_neither_starts_the_compiler_nor_imports_what_i
     started = "numba.np.linalg"  # numba imports its support of numpy when the first kernel is compiled or loaded
     *loaded, found = out.split()
     assert not {*slow, started}.intersection(loaded)
-    assert found == "0"  # finding the folder of the kernels reads the descriptions of three packages
+    assert found == "0"  # choosing the folder of the kernels reads the descriptions of three packages
 
 
 def test_the_extras_are_those_of_the_installation():

@@ -127,7 +127,7 @@ def test_a_pause_between_two_ticks_has_one_job(monkeypatch, period, rate):
     worker.begin(now())
     moments = count(now() + 2 * REPORT, round(period * REPORT))
     monkeypatch.setattr("palpate.launch.run.work.worker.clock.now", lambda: next(moments))
-    monkeypatch.setattr(worker, "_flush", lambda hand_over=True: done.append("messages"))
+    monkeypatch.setattr(worker, "_flush", lambda **given: done.append("messages"))
     for slot in worker.slots:
         monkeypatch.setattr(type(slot.node), "condition", part)
     pauses = []
