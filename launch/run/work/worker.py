@@ -33,7 +33,7 @@ OVERHEARD = 1000  # frames for observers handled in a row before the nodes run a
 ORPHANED = 5_000_000_000  # [ns] without an order of the launcher, time without scheduling excluded
 LOOK = 5_000_000  # [ns] between two polls of orders and readers while messages arrive
 REPORT = 200_000_000  # [ns] between two heartbeats
-PARTS = 6  # of a heartbeat for the nodes at most, so that the last one ends before the next heartbeat
+REPORTED, PARTS = 2, 12  # nodes in one part of a heartbeat, but more if this needs more parts: 0.3 s on the real clock
 HELD = 0.007  # [s] age at which an input of a node on the real clock counts as absent
 RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
 
@@ -522,7 +522,7 @@ class Worker:
             if isinstance(part, CompiledSegment):
                 part.count()
         nodes: dict[str, Counters] = {}
-        share = -(-len(self.slots) // PARTS)
+        share = max(REPORTED, -(-len(self.slots) // PARTS))
         for k, slot in enumerate(self.slots):
             if k % share == 0:
                 yield
