@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.compiler.exact import einsum
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, onto_centres, rounded
@@ -35,7 +36,9 @@ from palpate.physics.geometry.search.corners import weld
 STEP = 0.125  # [1] of the radius: step of the grid
 FACET = 0.06  # [1] of the radius: longest edge of a bridge, so that a foot hops by little
 THINNEST = 5e-6  # [m] below which the short edges of thin triangles of the boolean are contracted
-RIM = 10e-6  # [m] by which the plug is raised at the rims, and lowered outside
+RIM = 10e-6  # [m] by which the plug is at least raised at the rims, and lowered outside
+BESIDE = 5e-6  # [m] along the surface from its nearest touchable point, beyond which a point is over a gap
+STEEP = 0.02  # [1] of the radius: motion of a point onto a ball on two rims, which sinks fast where they are far apart
 OVERLAP = 1e-8  # [m] of a ball with the rims on which it rests
 EDGE = 3.0  # [1] `apart` of `divide_creases`: convex parts whose radius is below r/2 are edges
 
@@ -87,7 +90,7 @@ def close_surface(
     touched = MeshClosestPoint(Mesh(fine.vertices, fine.triangles[~hidden]))
     normals = _normals(vertices, triangles[origin < 0], mesh, hollow, centres, radius)
     bridge = np.unique(triangles[origin < 0])
-    bridge = bridge[body.beyond(vertices[bridge], 2.0 * RIM)]
+    bridge = bridge[body.beyond(vertices[bridge], _raised(radius) + RIM)]
     rims = find_rims(vertices[bridge], touched, centres, radius) if len(bridge) else None
     if rims is not None:
         vertices, triangles, normals, part = divide_near(vertices, triangles, normals, rims)
@@ -173,14 +176,18 @@ def _without_lift(
     up = touched.mesh.face_vectors[triangle]
     length = np.linalg.norm(up, axis=1)
     on_body = feet + (radius / np.maximum(length, 1e-300))[:, None] * up
-    over = np.flatnonzero(np.linalg.norm(at - feet, axis=1) > 2.0 * RIM)
+    beside = at - feet
+    beside -= (einsum("ij,ij->i", beside, up) / np.maximum(length, 1e-300) ** 2)[:, None] * up
+    over = np.flatnonzero(np.linalg.norm(beside, axis=1) > BESIDE)
     on_rims, _, free = resting(feet[over], normal[over], rolling[over], touched, radius, OVERLAP)
     out = at - np.stack([rolling, on_body])
     away = np.where(np.stack([good, length > 0.0]), np.linalg.norm(out, axis=2), np.inf)
     out = out[away.argmin(axis=0), np.arange(len(at))]
     out[over[free]] = at[over[free]] - on_rims[free]
     away = np.linalg.norm(out, axis=1)
-    near = np.abs(away - radius) <= 2.0 * RIM
+    most = np.full(len(at), 2.0 * _raised(radius))
+    most[over[free]] = STEEP * radius
+    near = np.abs(away - radius) <= most
     plug, at, out, away = plug[near], at[near], out[near], away[near, None]
     moved[plug] = rounded(at + (radius / away - 1.0) * out)
     facing[plug] = -out / away
@@ -195,7 +202,13 @@ def _lift(hollow: Hollow, points: np.ndarray, radius: float, step: float) -> np.
     beyond = ~hollow.within(points, radius)
     away[beyond] = hollow.about(points[beyond], radius + 3.0 * step)
     x, y = np.clip(away / SHORE, 0.0, 1.0), np.clip((away - radius) / (3.0 * step), 0.0, 1.0)
-    return RIM * (1.0 - 2.0 * x * x * (3.0 - 2.0 * x)) - 3.0 * step * y
+    return _raised(radius) * (1.0 - 2.0 * x * x * (3.0 - 2.0 * x)) - 3.0 * step * y
+
+
+def _raised(radius: float) -> float:
+    """Height [m] of the plug over the closing at untouchable triangles: `RIM`, and the sagitta of an edge, one step of
+    the grid long, of the surface of centres, by which it would begin below the rims and leave strips of the walls."""
+    return RIM + 0.125 * STEP * STEP * radius
 
 
 def _join(mesh: Mesh, plug: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

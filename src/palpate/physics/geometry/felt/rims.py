@@ -57,6 +57,7 @@ APART = 0.03  # [1] of the radius: distance of points of a rim
 AHEAD = 0.1  # [1] of the radius: beyond a centre, where the other rim is nearer
 EXACT = 1e-6  # [m] by which a ball may overlap what it rests on
 SAME = 1e-3  # [1] of the radius: distance between points of a body below which they are on one rim
+ACROSS = 0.25  # [1] sine of the angle to a rim above which a line leads away from the body
 ROUNDS = 16  # each halves the distance from the other rim
 
 
@@ -155,7 +156,7 @@ def resting(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres [m] (n,3) of balls that touch these points of rims [m] (n,3) and another one, from centres near them; the
     other ones [m] (n,3); and whether they were found (n). exact [m] by which they may overlap what they rest on."""
-    over = centre - rim
+    centre, over = centre.copy(), centre - rim
     over -= einsum("ij,ij->i", over, body)[:, None] * body
     over /= np.maximum(np.linalg.norm(over, axis=1), 1e-12)[:, None]
     query, found = centre + AHEAD * radius * over, np.zeros(len(rim), bool)
@@ -168,14 +169,21 @@ def resting(
             break
         hub, axis = 0.5 * (rim[left] + other), other - rim[left]
         length = np.linalg.norm(axis, axis=1)
-        last[left], found[left] = other, (length > SAME * radius) & (length < 1.999 * radius)
-        two = found[left]
         axis /= np.maximum(length, 1e-12)[:, None]
+        two = (length > SAME * radius) & (length < 1.999 * radius)
+        # a point of the same rim: the nearest centre may lie ahead along it, but the ball touches it from across
+        ahead = nearest_points(touched, rim[left] + SAME * radius * axis)[1]
+        along, two = two & (ahead < ACROSS * SAME * radius), two & (ahead >= ACROSS * SAME * radius)
+        some, t = left[along], axis[along]
+        for each, begin in ((centre, rim), (query, rim), (over, np.zeros_like(rim))):
+            each[some] -= einsum("ij,ij->i", each[some] - begin[some], t)[:, None] * t
+        last[left], found[left] = other, two
         out = centre[left] - hub
         out -= einsum("ij,ij->i", out, axis)[:, None] * axis
         out /= np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]
         rest = hub + np.sqrt(np.maximum(radius * radius - 0.25 * length * length, 0.0))[:, None] * out
-        query[left] = np.where(two[:, None], rest, query[left] + AHEAD * radius * over[left])
+        on = query[left] + np.where(along, 0.0, AHEAD * radius)[:, None] * over[left]
+        query[left] = np.where(two[:, None], rest, on)
     return query, last, found & (nearest_points(touched, query)[1] > radius - SLACK)
 
 
