@@ -73,7 +73,7 @@ def compliances(gap: float, size: float) -> np.ndarray:
         loads.append(load)
         moved.append(tangent.solve(load) if load.any() else np.zeros_like(p))
     total = np.array([2.0 * np.abs(load.sum()) for load in loads])  # of both halves along x
-    one = 2.0 * np.einsum("anc,bnc->ab", np.array(loads), np.array(moved))
+    one = 2.0 * np.einsum("inc,jnc->ij", np.array(loads), np.array(moved))
     if not gap:
         return one / np.outer(total, total)
     total = total + total[::-1]  # the other piece is the mirror image
