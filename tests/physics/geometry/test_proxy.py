@@ -51,12 +51,12 @@ def patch_run(surface, path):
     return np.array(feet)
 
 
-def mesh_run(mesh, path, thickness=0.0):
+def mesh_run(mesh, path, thickness=0.0, dt=1e-3):
     closest = MeshClosestPoint(mesh)
     (*state, result), kept = closest.scratch(), memory(thickness=thickness)
     feet = []
     for p in path:
-        follow_mesh(*closest.tables.arrays, tuple(map(float, p)), 1e-4, *state, result, kept, 1e-3)
+        follow_mesh(*closest.tables.arrays, tuple(map(float, p)), 1e-4, *state, result, kept, dt)
         feet.append(foot_row(result))
     return np.array(feet)
 
@@ -263,6 +263,19 @@ def test_a_finger_near_a_sharp_rim_slides_off_and_meets_the_underside_only_from_
     assert (gap[down] > -1e-4).all() and (z[down] < -thickness / 2).all()
     if aside < 1e-3:  # it slides off, passes the plate, and ends under it
         assert z[-1] < -thickness and normal[-1] < -0.5
+
+
+def test_the_rate_of_the_gap_changes_little_where_the_nearest_face_changes():
+    """A finger at 0.1 m/s moves along the top of a box, 1.4 mm deep, and is nearer to the side by 0.1 mm before its
+    foot leaves the top. The gap was that of the side meanwhile: its rate went from 0 to 100 mm/s and back, and the
+    force of a viscous tissue by 0.29 N in a tick of any length. The gap now reaches that of the side in 5 ms."""
+    dt, low = 1.25e-4, -1.4e-3
+    path = line((0.012, 1e-3, 2e-3), (0.012, 1e-3, low), (0.0199, 1e-3, low), step=0.1 * dt)
+    gap = mesh_run(box(0.04, 0.012), path, 4e-3, dt)[:, 8]
+    slides = path[2:, 2] == path[:-2, 2]
+    sudden = np.abs(np.diff(gap, 2) / dt)[slides]
+    assert 0.01 < sudden.max() < 0.06  # [m/s]; 0.1 mm in `ARRIVES` are 0.02
+    assert gap[-1] == approx(-1e-4, abs=5e-5)  # that of the side at last
 
 
 def test_a_foot_that_trails_a_leap_catches_up_slowly():
