@@ -110,14 +110,24 @@ def test_a_law_is_steep_by_its_slope_over_some_steps_of_the_position(gauge, forc
 
 
 @pytest.mark.parametrize("dt", [DT, 0.125 * DT])
-def test_a_line_returns_to_a_law_that_is_not_steep_within_10_ms(dt):
+@pytest.mark.parametrize(("energy", "end"), [(1.0, 3.0), (4.6e-3, 3.0), (2e-3, 2.0)])  # 3 N: 4.5 mJ, 2 N: 2 mJ
+def test_a_line_returns_within_10_ms_to_a_law_that_is_not_steep_as_far_as_the_hand_paid(dt, energy, end):
     wall, shown = blank_record(WALL, line=1.0, law=3.0, cut=True), 1.0
     for step in range(1, 30):
-        shown = rejoin(wall, shown, dt)
-        assert shown == wall.line == approx(3.0 - 2.0 * exp(-step * dt / FORGET))
-    assert rejoin(blank_record(WALL, line=1.0, law=3.0, cut=False), 3.0, dt) == 3.0
+        shown = rejoin(wall, shown, MOST, energy, dt)
+        assert shown == wall.line == approx(end - (end - 1.0) * exp(-step * dt / FORGET))
+
+
+@pytest.mark.parametrize("energy", [-1.0, 0.0, 0.4e-3])
+def test_a_line_neither_rises_nor_falls_where_the_hand_has_not_paid_for_it(energy):
+    wall = blank_record(WALL, line=1.0, law=3.0, cut=True)
+    assert rejoin(wall, 1.0, MOST, energy, DT) == 1.0 and wall.line == 1.0
+
+
+def test_a_force_that_no_line_limits_does_not_return():
+    assert rejoin(blank_record(WALL, line=1.0, law=3.0, cut=False), 3.0, MOST, 1.0, DT) == 3.0
     below = blank_record(WALL, line=4.0, law=3.0, cut=True)
-    assert rejoin(below, 3.0, dt) == 3.0 and below.line == 4.0
+    assert rejoin(below, 3.0, MOST, 1.0, DT) == 3.0 and below.line == 4.0
 
 
 @pytest.mark.parametrize("given", [(5.0, 1e-3, 1e-5, 0.0), (5.0, 1e-3, 0.0, 0.7), (5.0, -3e-4, 0.0, 0.0)])

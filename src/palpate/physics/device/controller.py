@@ -197,7 +197,7 @@ def render(
     steepness = slope(state.gauge, force, -along, SPAN * gains.resolution)
     shown = soften(state.wall, force, approach, -along, sideways, most, gains.resolution, dt)
     if not is_steep(state.gauge, force, most, 0.25 * SPAN * gains.resolution):
-        shown = rejoin(state.wall, shown, dt)
+        shown = rejoin(state.wall, shown, most, state.energy, dt)
     elapsed = state.clock - past.time[before]
     if shown == 0.0 or not elapsed > 0.0:
         return shown, shown

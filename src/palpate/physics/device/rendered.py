@@ -19,6 +19,14 @@ while the finger moves out, and the line begins. The line follows each fall of t
 soft tissue it would fall away from the law, tick by tick, in a slow retreat. Where the law is not steep it therefore
 returns to it within `FORGET`.
 
+A slope over a few steps is not that of the law where the finger turns round: viscosity makes it small or negative, also
+on a stiff tissue. So the line returns only as far as the hand has paid for: a spring of the largest stiffness K that
+pushes with a force F holds the energy F²/2K, which may not exceed the energy E that the hand has put in,
+
+    F <= sqrt(2 K E)
+
+A law F ~ s^n with n >= 1 that is nowhere steeper than K takes F s/(n + 1) >= F²/2K, so it is never limited by this.
+
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound b > K T (d + 1/2).
 """
 
@@ -119,16 +127,19 @@ def is_steep(gauge: Record, force: float, most: float, least: float):
 
 
 @kernel
-def rejoin(wall: Record, shown: float, dt: float):
-    """The rendered force [N] where the law is not steep: its line returns to the law.
+def rejoin(wall: Record, shown: float, most: float, energy: float, dt: float):
+    """The rendered force [N] where the law is not steep: its line returns to the law, as far as the energy allows.
 
-    wall   `WALL` after `soften`, changed in place
-    shown  [N]  of `soften`
-    dt     [s]
+    wall    `WALL` after `soften`, changed in place
+    shown   [N]    of `soften`
+    most    [N/m]  as of `soften`
+    energy  [J]    that the hand has put in, less what it got back
+    dt      [s]
     """
-    if not wall.cut or shown >= wall.law:
+    law = min(wall.law, math.sqrt(2.0 * most * max(energy, 0.0)))
+    if not wall.cut or shown >= law:
         return shown
-    wall.line += (wall.law - wall.line) * -math.expm1(-dt / FORGET)
+    wall.line += (law - wall.line) * -math.expm1(-dt / FORGET)
     return wall.line
 
 
