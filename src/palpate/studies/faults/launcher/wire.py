@@ -187,7 +187,8 @@ class Wire:
     def keep(self, data: bytes) -> None:
         self._kept.append(data)
 
-    def flush(self, holds: Callable[[], None] = lambda: None) -> None:
+    def flush(self, holds: Callable[[], None] = lambda: None, rest: bool = True) -> None:
+        """As of a bus; without `rest`, a frame goes at once, which is within the time for which it may wait."""
         self.world.check()
         kept, self._kept = self._kept, []
         for data in kept:
