@@ -1,9 +1,11 @@
 """What the hand lacks of the contact's force: a lower bound, since every other bound is an upper one.
 
-felt     mean over 50 ms of the contact's force, less what of it acts on the hand, <= 5 % of it + 0.05 N + B v, while
-         the contact is softer than `SOFT` x the stiffest law that the device renders (`device.rendered`), no generated
-         energy is dissipated, and the force is below the device's limit. B v is the damping that compensates the
-         loop's lag, of a finger that moves out at v.
+felt     mean over 50 ms of the contact's force, less what of it acts on the hand, <= 5 % of it + 0.05 N + B v + k u,
+         while the contact is softer than `SOFT` x the stiffest law that the device renders (`device.rendered`), and was
+         in the last 150 ms, no generated energy is dissipated, and the force is below the device's limit. B v is the
+         damping that compensates the loop's lag, of a finger that moves out at v, and the viscous force of the body at
+         the greatest speed of the last 150 ms, up to 15 %, which ends as steeply as a law; k u the stiffness of the
+         contact times the motion of the surface by the change of another finger's force.
 """
 
 from __future__ import annotations
@@ -15,8 +17,8 @@ from palpate.studies.organs.score import Score
 from palpate.studies.organs.trace import LEAST_FORCE, Trace, greatest, length
 
 SPAN = 50e-3  # [s]
-SHARE, SLACK = 0.05, 0.05  # [1], [N]
-SOFT = 0.5  # [1]
+SHARE, SLACK, VISCOUS = 0.05, 0.05, 0.15  # [1], [N], [1]
+SOFT, SINCE = 0.5, 3  # [1]; spans for which the contact has been soft
 
 
 def lacks(trace: Trace, observed: np.ndarray) -> Score:
@@ -36,11 +38,17 @@ def lacks(trace: Trace, observed: np.ndarray) -> Score:
     most = stiffest.py_func(node["mass"], node["drag"], node["resolution"], lag)
     one = np.interp(f, trace.rest.forces, trace.rest.tangents)
     body = 1.5 * trace.at_places(lambda place, _: place.stiffness(max(float(f.max()), LEAST_FORCE)))
-    soft = greatest(one * body / (one + body), n) < SOFT * most
+    stiffness = one * body / (one + body)
+    soft = greatest(stiffness, SINCE * n) < SOFT * most
     calm = soft & (greatest(-observed, n) <= 0.0) & (greatest(size, n) < 0.9 * node["limit"])
     calm &= -greatest(-f, n) > LEAST_FORCE
     out = np.maximum(np.einsum("ti,ti->t", trace["finger.velocity"], trace["contact.normal"]), 0.0)
     allowed = SHARE * size + SLACK + compensation.py_func(SOFT * most, lag, node["drag"]) * out
+    viscous = stiffness * trace.rest.retardation * greatest(length(trace["finger.velocity"]), SINCE * n)
+    allowed += np.minimum(viscous, VISCOUS * size)
+    if trace.other is not None:
+        other = trace.other["contact.force"]
+        allowed += stiffness * trace.yields_most * (greatest(other, n) + greatest(-other, n))
     mean, bound = (uniform_filter1d(each, n, origin=(n - 1) // 2) for each in (lack, allowed))
     share = np.where(calm, mean / bound, 0.0)
     k = int(np.argmax(share))
