@@ -173,13 +173,13 @@ def finger_at(case: Case, tick: int, approach: float, dt: float = DT) -> Proximi
 
 
 def forces_on_rigid(case: Case) -> np.ndarray:
-    """Force [N] of the finger on a rigid body alone, which moves into it, at each step."""
+    """Force [N] of the finger on a rigid body alone, at each step. It moves into the finger if the lower one rises."""
     body, spread, contact, surface = deformation.Rigid(), Kernel(**case.upper["surface"]), Backed(thickness=0.0), None
     for node in (body, spread, contact):
         node.start()
     forces = []
     for tick, share in enumerate(motion(case)):
-        approach = case.depth * share - 1e-4 + case.closing * share * max(float(case.normal[2]), 0.0)
+        approach = case.depth * share - 1e-4 + max(case.closing, 0.0) * share * max(float(case.normal[2]), 0.0)
         touch = contact.step(finger_at(case, tick, approach), surface, [], dt=DT)
         forces.append(touch.force)
         surface = press_body(body, spread.step(touch, None, dt=DT), dt=DT)

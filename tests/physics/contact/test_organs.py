@@ -195,6 +195,12 @@ def test_random_pairs_neither_overlap_nor_generate_energy_and_may_be_exchanged(n
     assert not verdict.faults, verdict
 
 
+def test_a_finger_on_a_rigid_body_whose_neighbour_sinks_changes_its_force_as_on_that_body_alone():
+    """The bound took the rigid body to sink with the other one, so that the motion of the finger alone broke it."""
+    verdict = organ_pairs.judge(organ_pairs.case(592, seed=51))
+    assert verdict.organs == 0.0 < verdict.finger and verdict.change == approx(1.0) and not verdict.faults
+
+
 def test_the_search_measures_the_friction_of_a_curved_patch_where_it_acts():
     """Pair 225 of seed 7 presses a kidney with a film of fluid on a ball at 0.2 m/s, so that the mean motion along the
     inclined surfaces also has a part along the mean normal, on which no force acts. A limit 2 % lower is exceeded."""
