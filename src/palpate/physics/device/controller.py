@@ -47,7 +47,6 @@ from palpate.physics.device.rendered import (
     SPAN,
     WALL,
     compensation,
-    is_steep,
     rejoin,
     slope,
     soften,
@@ -196,8 +195,7 @@ def render(
         state.wall.line += RECOVERY * dt
     steepness = slope(state.gauge, force, -along, SPAN * gains.resolution)
     shown = soften(state.wall, force, approach, -along, sideways, most, gains.resolution, dt)
-    if not is_steep(state.gauge, force, most, 0.25 * SPAN * gains.resolution):
-        shown = rejoin(state.wall, shown, most, state.energy, dt)
+    shown = rejoin(state.wall, state.gauge, shown, -along, most, 0.25 * SPAN * gains.resolution, dt)
     elapsed = state.clock - past.time[before]
     if shown == 0.0 or not elapsed > 0.0:
         return shown, shown

@@ -13,19 +13,19 @@ below about sqrt(SHARE).
 A steeper law is replaced by a line of the largest stiffness from the point where it became too steep, until the law
 falls below that line. A softer law is rendered unchanged.
 
-Whether a law is steep shows in its slope over some steps of the position. In a single tick the force also changes
-without motion: by the viscosity of a finger whose speed varies, or since something else presses on it. Then it may rise
-while the finger moves out, and the line begins. The line follows each fall of the force and no such rise, so that on a
-soft tissue it would fall away from the law, tick by tick, in a slow retreat. Where the law is not steep it therefore
-returns to it within `FORGET`.
+In a single tick the force also changes without motion: by the viscosity of a finger whose speed varies, or since
+something else presses on it. Then it may rise while the finger moves out, and the line begins. The line follows each
+fall of the force and no such rise, so that on a soft tissue it would fall away from the law, tick by tick, in a slow
+retreat. It therefore returns to the law within `FORGET`, under two conditions:
 
-A slope over a few steps is not that of the law where the finger turns round: viscosity makes it small or negative, also
-on a stiff tissue. So the line returns only as far as the hand has paid for: a spring of the largest stiffness K that
-pushes with a force F holds the energy F²/2K, which may not exceed the energy E that the hand has put in,
+    the law is not steep     by its slope over some steps of the position, not over a tick
+    F <= sqrt(2 K W)         with the work W = sum F ds of the rendered force on the hand since contact began
 
-    F <= sqrt(2 K E)
-
-A law F ~ s^n with n >= 1 that is nowhere steeper than K takes F s/(n + 1) >= F²/2K, so it is never limited by this.
+A slope alone does not show whether a law is steep: where the finger turns round, viscosity makes it small or negative.
+A spring of the largest stiffness K that pushes with a force F holds the energy F²/2K, which is W along the line, so
+that a line that replaces a steep law stays. A law F ~ s^n with n >= 1 that is nowhere steeper than K takes F s/(n + 1)
+>= F²/2K, and is not limited. W alone would let a law that is soft at first and then steep, as that of a fingertip on a
+rigid body, return too far. The work of friction does not count: a slide on a hard surface would pay for an oscillation.
 
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound b > K T (d + 1/2).
 """
@@ -40,13 +40,13 @@ SHARE = 0.01
 MOST = 1e12  # [N/m]
 LEAP = 0.1  # [N] largest change of force over one step of the position
 SPAN = 8.0  # [1] steps of the device's position over which a slope is measured
-FORGET = 0.01  # [s] time below the line after which it is dropped, and in which it returns to a law that is not steep
+FORGET = 0.01  # [s] time below the line after which it is dropped, and in which it returns to the law
 WALL = {"line": (), "law": (), "cut": bool, "below": ()}
 """The line [N] that bounds the force, the last contact force [N], whether the line is active, and the time [s] that the
 force has been below it."""
-GAUGE = {"slope": (), "depth": (), "mark": (), "mark_force": ()}
-"""The slope [N/m], the depth since contact began [m], and the depth [m] and force [N] from which the slope is measured.
-"""
+GAUGE = {"slope": (), "depth": (), "mark": (), "mark_force": (), "paid": (), "shown": ()}
+"""The slope [N/m], the depth since contact began [m], the depth [m] and force [N] from which the slope is measured, the
+work of the rendered force since contact began [J], and this force [N]."""
 
 
 @ieee_kernel
@@ -127,20 +127,22 @@ def is_steep(gauge: Record, force: float, most: float, least: float):
 
 
 @kernel
-def rejoin(wall: Record, shown: float, most: float, energy: float, dt: float):
-    """The rendered force [N] where the law is not steep: its line returns to the law, as far as the energy allows.
+def rejoin(wall: Record, gauge: Record, shown: float, way: float, most: float, least: float, dt: float):
+    """The rendered force [N]: the line returns to a law that is not steep, as far as the hand has paid for it.
 
-    wall    `WALL` after `soften`, changed in place
-    shown   [N]    of `soften`
-    most    [N/m]  as of `soften`
-    energy  [J]    that the hand has put in, less what it got back
-    dt      [s]
+    wall, gauge  `WALL` after `soften` and `GAUGE` after `slope`, changed in place
+    least  [m]   as of `is_steep`
+    shown  [N]   of `soften`
+    way, most    as of `soften`
+    dt     [s]
     """
-    law = min(wall.law, math.sqrt(2.0 * most * max(energy, 0.0)))
-    if not wall.cut or shown >= law:
-        return shown
-    wall.line += (law - wall.line) * -math.expm1(-dt / FORGET)
-    return wall.line
+    gauge.paid += gauge.shown * way
+    law = min(wall.law, math.sqrt(2.0 * most * max(gauge.paid, 0.0)))
+    if wall.cut and shown < law and not is_steep(gauge, wall.law, most, least):
+        wall.line += (law - wall.line) * -math.expm1(-dt / FORGET)
+        shown = wall.line
+    gauge.shown = shown
+    return shown
 
 
 @kernel
