@@ -469,6 +469,15 @@ def test_columns_read_in_blocks_are_the_same(tmp_path, monkeypatch):
         assert values.dtype == blocks[name].dtype and np.array_equal(values, blocks[name])
 
 
+def test_instants_are_chosen_of_an_impact_whose_greatest_depth_and_force_are_apart():
+    """On a rigid body the indentation is rounding, and largest where the force is small."""
+    contact = {
+        "time": np.arange(6) * 1e-3, "tick": np.arange(6), "force": np.array([0.0, 9.0, 1e-3, 1e-3, 0.0, 0.0]),
+        "indentation": np.array([0.0, 1e-12, 1e-9, 5e-9, 0.0, 0.0]), "foot": np.zeros((6, 3)),
+    }  # fmt: skip
+    assert choose(contact, 6) == [0, 1, 2, 3, 4]
+
+
 @pytest.mark.parametrize(("path", "said"), [(0.0, True), (2e-3, True), (10e-3, False), (48e-3, False)])
 def test_a_loop_is_dissipated_energy_only_where_the_finger_stays(tmp_path, path, said):
     """A finger that slides to a stiffer place without any loss: the area of its loop is -0.3 mJ."""

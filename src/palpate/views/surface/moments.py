@@ -106,7 +106,8 @@ def choose(contact: Columns, count: int) -> list[int]:
     depth, foot = contact["indentation"], contact["foot"]
     rows = np.concatenate([np.arange(touch.start, touch.stop) for touch in slices])
     deepest = max(float(depth[rows].max()), 1e-9)
-    rows = rows[(depth[rows] >= SHALLOWEST * deepest) & (contact["force"][rows] >= LIGHTEST * contact["force"].max())]
+    clear = (depth[rows] >= SHALLOWEST * deepest) & (contact["force"][rows] >= LIGHTEST * contact["force"].max())
+    rows = rows[clear] if clear.any() else rows  # an impact on a rigid body is deepest where its force is small
     feature = np.column_stack(
         [depth / deepest, (foot - foot[rows[0]]) / max(float(np.ptp(foot[rows], axis=0).max()), 1e-2)]
     )
