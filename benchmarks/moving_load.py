@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from growing_contact import POISSON, RADIUS, WIDE, faces_at
-from pad_on_groove import GROUND, PLACE, YOUNG
+from pad_on_groove import COARSEST, FINEST, GROUND, PLACE, YOUNG
 from scipy.interpolate import RectBivariateSpline
 
 from palpate.bases import build_missing
@@ -127,6 +127,10 @@ def main() -> None:
     given = parser.parse_args()
     if unknown := [gap for gap in given.gaps if gap and gap not in gaps.GAPS]:
         parser.error(f"gap: found {unknown[0]:g}, expected 0 or one of {', '.join(f'{g:g}' for g in gaps.GAPS)}")
+    if not FINEST <= given.size <= COARSEST:
+        parser.error(f"--size: found {given.size:g} m, expected {FINEST:g} to {COARSEST:g} m")
+    if not 100.0 <= given.rate <= 20_000.0:
+        parser.error(f"--rate: found {given.rate:g} Hz, expected 100 to 20000")
     for gap in given.gaps:
         with tempfile.TemporaryDirectory() as folder:
             name = f"cut-{gap:g}" if gap else "block"

@@ -194,6 +194,8 @@ def main() -> None:
     options.add_argument("--processor-time", action="store_true", help="only the processor time of a tick")
     options.add_argument("--real", action="store_true", help="only what the real clock leaves out at 5 kHz")
     given = options.parse_args()
+    if not given.seconds > 0.0 or not given.minutes > 0.0:
+        options.error(f"--seconds, --minutes: found {given.seconds:g} and {given.minutes:g}, expected more than 0")
     if given.real:
         with tempfile.TemporaryDirectory() as name:
             shares = on_real_clock(given.seconds, Path(name))
