@@ -249,11 +249,11 @@ def switch(
             old = assist(gains, contact, state, i, position[i], velocity[i])
             state.anchor[i] = position[i]
             state.offset[i] += old - assist(gains, new, state, i, position[i], velocity[i])
-        whole = state.withheld == 0.0  # an outage does not end a touch
-        state.energy = min(state.energy, 0.0 if whole else state.energy)
         state.contact = new
-        if not new and whole:
-            state.rise = 0.0
+        if state.withheld == 0.0:  # else there was an outage, which does not end a touch
+            state.energy = min(state.energy, 0.0)
+            if not new:
+                state.rise = 0.0
     return new
 
 

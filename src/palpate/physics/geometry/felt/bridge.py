@@ -37,7 +37,7 @@ STEP = 0.125  # [1] of the radius: step of the grid
 FACET = 0.06  # [1] of the radius: longest edge of a bridge, so that a foot hops by little
 THINNEST = 5e-6  # [m] below which the short edges of thin triangles of the boolean are contracted
 RIM = 10e-6  # [m] by which the plug is at least raised at the rims, and lowered outside
-BESIDE = 5e-6  # [m] along the surface from its nearest touchable point, beyond which a point is over a gap
+ASIDE = 5e-6  # [m] along the surface from its nearest touchable point, beyond which a point is over a gap
 STEEP = 0.02  # [1] of the radius: motion of a point onto a ball on two rims, which sinks fast where they are far apart
 OVERLAP = 1e-8  # [m] of a ball with the rims on which it rests
 EDGE = 3.0  # [1] `apart` of `divide_creases`: convex parts whose radius is below r/2 are edges
@@ -176,9 +176,9 @@ def _without_lift(
     up = touched.mesh.face_vectors[triangle]
     length = np.linalg.norm(up, axis=1)
     on_body = feet + (radius / np.maximum(length, 1e-300))[:, None] * up
-    beside = at - feet
-    beside -= (einsum("ij,ij->i", beside, up) / np.maximum(length, 1e-300) ** 2)[:, None] * up
-    over = np.flatnonzero(np.linalg.norm(beside, axis=1) > BESIDE)
+    aside = at - feet
+    aside -= (einsum("ij,ij->i", aside, up) / np.maximum(length, 1e-300) ** 2)[:, None] * up
+    over = np.flatnonzero(np.linalg.norm(aside, axis=1) > ASIDE)
     on_rims, _, free = resting(feet[over], normal[over], rolling[over], touched, radius, OVERLAP)
     out = at - np.stack([rolling, on_body])
     away = np.where(np.stack([good, length > 0.0]), np.linalg.norm(out, axis=2), np.inf)
