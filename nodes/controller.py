@@ -239,7 +239,7 @@ class Haptic(CompiledNode):
         rubbing = (p[0] - a[0], p[1] - a[1], p[2] - a[2])
         fx, fy, fz, held, energy = haptic(
             own.gains, state, _past_of(own.past), contact.force, vector(contact.normal), rubbing, approach,
-            vector(pose.position), vector(pose.velocity), dt,
+            contact.compression, vector(pose.position), vector(pose.velocity), dt,
         )  # fmt: skip
         put(out.force, (fx, fy, fz))
         out.state, out.energy = CONTACT if held else FREE, energy

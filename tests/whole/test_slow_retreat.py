@@ -1,9 +1,10 @@
-"""A slow retreat from tissue: the hand feels the force of the contact until it ends."""
+"""A slow retreat from tissue, and tissue that comes to the hand: it feels the force of the contact until it ends."""
 
 import numpy as np
 import pytest
 from streams import read
 
+import palpate
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Force
@@ -38,3 +39,25 @@ def test_the_hand_feels_an_organ_that_rises_and_sinks_under_it(period, tmp_path)
     force, lacks = lack(tmp_path / "run.mcap", *sets, "scene.surface.vertices=2000", duration=period + 1.0)
     assert force.max() > 2.0
     assert lacks.max() < 0.06 and np.mean(lacks[force > 0.2]) < 0.01
+
+
+@pytest.mark.filterwarnings("ignore::palpate.PalpateWarning")  # notes of settings that a body does not take
+@pytest.mark.parametrize("body", ["MassSpring", "BeamBundle", "ReducedFE"])
+@pytest.mark.parametrize(("seconds", "apart"), [(0.5, 8e-3), (2.0, 6e-3)])
+def test_a_finger_at_rest_feels_tissue_rise_that_another_one_leaves(body, seconds, apart):
+    """It did not feel up to 0.35 of 0.61 N, as the motion of the finger did not pay for it."""
+    x, z = -0.012, 0.1037 + 0.15 * apart
+    away = f"{{to: [{x - apart}, 0, 0.11], time: {seconds}}}"
+    other = f"[{{to: [{x - apart}, 0, 0.098], time: 0.4}}, {{hold: 0.4}}, {away}, {{hold: 1}}]"
+    path = f"[{{hold: 0.4}}, {{to: [{x}, 0, {z}], time: 0.3}}, {{hold: 9}}]"
+    sets = [
+        f"tissue.use=deformation.{body}", "scene.surface.vertices=2000", "scene.nodule.nodule_radius=0",
+        f"scene.middle.begin=[{x - apart}, 0, 0.11]", f"scene.middle.path={other}",
+        f"scene.index.begin=[{x}, 0, 0.11]", f"scene.index.path={path}",
+    ]  # fmt: skip
+    wanted = ["contact-1.force", "contact-1.normal", "controller-1.force"]
+    found = palpate.Ensemble("palpate-two", 1, {}, wanted, duration=1.8 + seconds, sets=sets).run(quiet=True)
+    force, normal, given = (np.asarray(found[name])[0] for name in wanted)
+    lacks = force - np.einsum("ij,ij->i", given, normal)
+    assert force[800] < 0.75 * force[-1] and force[-1] > 0.3
+    assert lacks.max() < 0.02 and np.mean(lacks[800:]) < 0.002

@@ -18,7 +18,7 @@ from palpate.physics.device.controller import (
     reset,
     rings,
 )
-from palpate.physics.device.rendered import LEAP, SHARE, SPAN, compensation, stiffest
+from palpate.physics.device.rendered import LEAP, SHARE, SPAN, SURFACE, compensation, lift, stiffest
 
 T, MASS, DRAG, COUNT = 1e-3, 0.1, 0.2, 60e-6
 STILL, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -48,7 +48,7 @@ def run(path, stiffness, delay=0, turn=None, friction=0.0, resolution=0.0):
         push = stiffness * depth
         along = tuple(turn @ (friction * push, 0.0, 0.0))
         place = tuple(turn @ point)
-        *force, _, energy = haptic(gains(resolution), state, past, push, n, along, depth, place, (0.0, 0.0, 0.0), T)
+        *force, _, energy = haptic(gains(resolution), state, past, push, n, along, depth, depth, place, STILL, T)
         forces.append(turn.T @ force)
         energies.append(energy)
     return np.array(forces), np.array(energies)
@@ -110,7 +110,7 @@ def test_a_tangential_oscillation_does_not_raise_a_limited_force_but_a_slide_doe
             s *= k >= 150
             place = (s * math.cos(turned), s * math.sin(turned), -depth)
             push = 500.0 * depth if k < 90 else 20.0
-            force.append(haptic(gains(COUNT), state, past, push, UP, STILL, depth, place, STILL, T)[2])
+            force.append(haptic(gains(COUNT), state, past, push, UP, STILL, depth, depth, place, STILL, T)[2])
         assert force[149] == approx(0.45 + 0.1e-3 * most, rel=0.02)
         if slides:
             assert force[-1] == approx(most * 1e-3)
@@ -150,7 +150,7 @@ def test_an_extreme_step_gives_no_force_and_the_next_one_is_normal():
     state, past = buffers(0)
     up, still = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
     for place in ((0.0, 0.0, -1e-3), (0.0, 0.0, math.inf), (0.0, 0.0, -1e-3)):
-        fx, fy, fz, touching, _ = haptic(gains(), state, past, 0.5, up, still, 1e-3, place, still, T)
+        fx, fy, fz, touching, _ = haptic(gains(), state, past, 0.5, up, still, 1e-3, 1e-3, place, still, T)
         assert (fx, fy) == (0.0, 0.0) and fz == (0.0 if math.isinf(place[2]) else approx(0.5)) and touching
 
 
@@ -161,16 +161,16 @@ def test_the_path_starts_at_the_first_position_of_the_finger(place):
     state, past = buffers(1)
     still = (0.0, 0.0, 0.0)
     for _ in range(5):
-        *force, touching, energy = haptic(law, state, past, 0.0, (0.0, 0.0, 1.0), still, 0.0, place, still, T)
+        *force, touching, energy = haptic(law, state, past, 0.0, (0.0, 0.0, 1.0), still, 0.0, 0.0, place, still, T)
         assert force == [0.0, 0.0, 0.0] and not touching and energy == 0.0
     away, fast = (place[0] + 1e-3, place[1] + 2e-3, place[2] - 3e-3), (0.01, -0.03, 0.02)
-    *force, _, _ = haptic(law, state, past, 0.0, (0.0, 0.0, 1.0), still, 0.0, away, fast, T)
+    *force, _, _ = haptic(law, state, past, 0.0, (0.0, 0.0, 1.0), still, 0.0, 0.0, away, fast, T)
     assert force == approx([-0.07, -0.04, 0.11])
 
 
 def step(law, state, past, push=0.0, place=STILL, velocity=STILL, n=UP, friction=STILL, dt=T):
     """One step of the kernel, 1 mm deep: force [N] (3), whether it touches, energy [J]."""
-    return haptic(law, state, past, push, n, friction, 1e-3, tuple(place), velocity, dt)
+    return haptic(law, state, past, push, n, friction, 1e-3, 1e-3, tuple(place), velocity, dt)
 
 
 def test_the_switch_to_contact_causes_no_jump_and_its_difference_decays():
@@ -269,11 +269,48 @@ def test_a_slow_retreat_from_soft_viscous_tissue_keeps_its_force(seconds, resolu
     lacks, forces = [], []
     for depth, speed in zip(deep, np.gradient(deep, T), strict=True):
         force = max(400.0 * depth + 8.0 * speed, 0.0)
-        *shown, _, _ = haptic(gains(resolution), state, past, force, n, STILL, depth, tuple(-depth * n), STILL, T)
+        *shown, _, _ = haptic(
+            gains(resolution), state, past, force, n, STILL, depth, depth, tuple(-depth * n), STILL, T
+        )
         forces.append(force)
         lacks.append(force - np.array(shown) @ n)
     lacks = np.array(lacks)[t > 0.51]  # contact and retreat begin with jumps of the viscous force, which are limited
     assert max(forces) > 2.0 and lacks.max() < 0.03 and lacks.mean() < 0.01
+
+
+@pytest.mark.parametrize("out", [0.0, 5e-3])
+@pytest.mark.parametrize("resolution", [0.0, COUNT])
+def test_a_hand_feels_a_surface_that_comes_to_it_and_moves_out_slowly(resolution, out):
+    """The surface comes at 20 mm/s, the hand yields by `out` [m/s], and fingertip and tissue of 800 N/m each share the
+    rest. Its encoder changes by a count now and then. By the path of the hand alone this force was withheld."""
+    state, past = buffers(0)
+    forces, felt = [], []
+    for k in range(300):
+        if k == 2:
+            state.energy = 5e-3  # that the hand has put in, so that its motion outwards is not damped
+        place = out * T * k
+        place = resolution * math.floor(place / resolution + 0.5 + (k % 10 == 0)) if resolution > 0.0 else place
+        depth = max(0.02 * T * k - place, 0.0)
+        forces.append(400.0 * depth)
+        force = haptic(
+            gains(resolution), state, past, forces[-1], UP, STILL, depth, 0.5 * depth, (0.0, 0.0, place), STILL, T
+        )
+        felt.append(force[2])
+    assert forces[-1] > 1.5
+    lacks = np.array(forces) - felt
+    assert lacks[150:].mean() < 0.05 and lacks.max() < 0.4
+
+
+def test_an_oscillation_of_the_finger_is_not_motion_of_the_surface():
+    """Its compression grows by what it moves in, or by a part of that, and shrinks again."""
+    for share in (0.2, 1.0):
+        for period in (4, 20, 100):
+            surface, moved, before = blank_record(SURFACE), 0.0, 2e-3
+            for k in range(1000):
+                place = 2e-3 + 0.5e-3 * math.sin(math.tau * k / period)
+                moved += lift(surface, share * place, place - before, 0.0, T)
+                before = place
+            assert moved < 1e-9
 
 
 def test_the_spring_of_free_motion_pulls_to_its_start():
@@ -363,7 +400,7 @@ def pressed(steps, stiffness):
     for k, dt in enumerate(steps):
         depth = 2e-5 * k
         place = (0.0, 0.0, -depth)
-        forces.append(haptic(gains(), state, past, stiffness * depth, UP, STILL, depth, place, STILL, dt)[2])
+        forces.append(haptic(gains(), state, past, stiffness * depth, UP, STILL, depth, depth, place, STILL, dt)[2])
     return np.array(forces)
 
 
@@ -390,7 +427,7 @@ def test_after_an_outage_a_limited_force_rises_at_rest_by_ten_newtons_per_second
         if k == 1:
             state.rise = 500.0 if outage else 0.0
         place = (0.0, 0.0, -1e-3 * min(k, 1))
-        forces.append(haptic(gains(COUNT), state, past, 8.0 * min(k, 1), UP, STILL, 5e-3, place, STILL, T)[2])
+        forces.append(haptic(gains(COUNT), state, past, 8.0 * min(k, 1), UP, STILL, 5e-3, 5e-3, place, STILL, T)[2])
     assert RECOVERY == 10.0
     assert forces[1] == approx(LEAP / COUNT * 1e-3 + outage * 10.0 * T * (forces[1] > LEAP / COUNT * 1e-3 * 1.001))
     assert forces[101] - forces[1] == approx(outage * 10.0 * 100 * T)
@@ -411,7 +448,9 @@ def test_only_the_motion_of_the_hand_counts_while_the_position_follows_it_after_
             push = 50.0 * (5e-3 - gap[k, 2]) if k else 0.0  # the first step is at rest
             if k:
                 energy -= last @ (device[k] - device[k - 1])
-            *force, _, seen = haptic(gains(), state, past, push, UP, STILL, 5e-3, tuple(place), (0.1, 0.1, -0.3), T)
+            *force, _, seen = haptic(
+                gains(), state, past, push, UP, STILL, 5e-3, 5e-3, tuple(place), (0.1, 0.1, -0.3), T
+            )
             last = np.array(force)
             assert seen == approx(energy, abs=1e-12)
             if not moves:

@@ -25,11 +25,11 @@ def damper(delay, way, velocity, debt=-1.0, axis=0, last=0.0, turned=False):
     gains = passive(hysteresis=1e-3, resolution=COUNT)
     state, past = blank_record(STATE), rings(delay)
     rest, up, along = np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3)[axis]
-    haptic(gains, state, past, 0.0, up, rest, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), T)
+    haptic(gains, state, past, 0.0, up, rest, 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), T)
     state.energy = debt
     state.brake[axis] = last if turned else -last
     # Twice the path, because the time of the first step, without movement, also counts.
-    force = haptic(gains, state, past, 0.0, up, rest, 0.0, tuple(2 * way * along), tuple(velocity * along), T)[:3]
+    force = haptic(gains, state, past, 0.0, up, rest, 0.0, 0.0, tuple(2 * way * along), tuple(velocity * along), T)[:3]
     assert force[axis - 1] == force[axis - 2] == 0.0
     return force[axis]
 
@@ -83,7 +83,7 @@ def test_the_damping_falls_to_zero_while_it_dissipates_the_rest_of_the_debt():
         if k == 1:
             state.energy = start
         forces.append(
-            haptic(gains, state, past, 0.0, up, np.zeros(3), 0.0, (k * way, 0.0, 0.0), (way / T, 0.0, 0.0), T)[0]
+            haptic(gains, state, past, 0.0, up, np.zeros(3), 0.0, 0.0, (k * way, 0.0, 0.0), (way / T, 0.0, 0.0), T)[0]
         )
     forces = -np.array(forces)
     assert np.abs(np.diff(forces)).max() <= stiffness * way * (1.0 + 1e-9)
@@ -99,7 +99,9 @@ def test_a_slew_limit_bounds_the_rise_of_the_damper_force():
     forces = []
     for k, debt in enumerate((0.0, -1.0, -1.0, -1.0, 1.0, -1.0, -1.0)):
         state.energy = debt
-        forces.append(haptic(gains, state, past, 0.0, up, np.zeros(3), 0.0, tuple(k * way), (0.0, 0.0, 0.0), T)[:3])
+        forces.append(
+            haptic(gains, state, past, 0.0, up, np.zeros(3), 0.0, 0.0, tuple(k * way), (0.0, 0.0, 0.0), T)[:3]
+        )
     assert -np.array(forces) @ way / np.linalg.norm(way) == approx([0.0, 2.0, 4.0, 6.0, 0.4, 2.4, 4.4])
     assert np.cross(forces, way) == approx(0.0, abs=1e-12)
 
@@ -108,4 +110,4 @@ def test_a_slew_limit_gives_no_force_at_rest():
     gains, state, past = passive(observes=False), blank_record(STATE), rings(0)
     state.rise = 2000.0
     still = (0.0, 0.0, 0.0)
-    assert haptic(gains, state, past, 0.0, np.eye(3)[2], np.zeros(3), 0.0, still, still, T)[:3] == still
+    assert haptic(gains, state, past, 0.0, np.eye(3)[2], np.zeros(3), 0.0, 0.0, still, still, T)[:3] == still

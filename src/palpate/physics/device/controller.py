@@ -45,8 +45,10 @@ from palpate.physics.device.rendered import (
     GAUGE,
     LEAP,
     SPAN,
+    SURFACE,
     WALL,
     compensation,
+    lift,
     rejoin,
     slope,
     soften,
@@ -74,7 +76,7 @@ STATE = {
     "outward": (),  # [m/s] speed out of the surface
     "clock": (), "last": (),  # [s] time; last step
     "newest": int,  # newest row of the rings
-    "wall": WALL, "gauge": GAUGE,  # of the rendered force
+    "wall": WALL, "gauge": GAUGE, "surface": SURFACE,  # of the rendered force
     "dragged": (3,), "brake": (3,),  # [m] point on a string, see `drag_distance`; [N] force of the damping
 }  # fmt: skip
 """State of the controller."""
@@ -174,6 +176,7 @@ def render(
     force: float,
     n: Vector3,
     approach: float,
+    compression: float,
     place: Vector3,
     lag: float,
     dt: float,
@@ -191,11 +194,12 @@ def render(
     else:  # in air n is not valid: it is that of the last contact, or of a sleeping one
         put(state.dragged, place)
     most = stiffest(gains.mass, gains.drag, gains.resolution, lag)
+    closer = lift(state.surface, compression if force > 0.0 else 0.0, -along, sideways, dt)
     if state.rise > 0.0:  # after an outage the force also rises while the finger rests
         state.wall.line += RECOVERY * dt
-    steepness = slope(state.gauge, force, -along, SPAN * gains.resolution)
-    shown = soften(state.wall, force, approach, -along, sideways, most, gains.resolution, dt)
-    shown = rejoin(state.wall, state.gauge, shown, -along, most, 0.25 * SPAN * gains.resolution, dt)
+    steepness = slope(state.gauge, force, closer - along, SPAN * gains.resolution)
+    shown = soften(state.wall, force, approach, -along, sideways + closer, most, gains.resolution, dt)
+    shown = rejoin(state.wall, state.gauge, shown, closer - along, most, 0.25 * SPAN * gains.resolution, dt)
     elapsed = state.clock - past.time[before]
     if shown == 0.0 or not elapsed > 0.0:
         return shown, shown
@@ -306,6 +310,7 @@ def haptic(
     n: Vector3,
     friction: Vector3,
     approach: float,
+    compression: float,
     position: Vector3,
     velocity: Vector3,
     dt: float,
@@ -318,6 +323,7 @@ def haptic(
     normal_force  [N]    f_n along n [1] (3)
     friction      [N]    f_t (3) of the finger on the tissue
     approach      [m]    s1 + s2 >= 0; of s2 only what another finger does not lift
+    compression   [m]    s1
     position      [m]    (3)
     velocity      [m/s]  (3) filtered
     dt            [s]    since the last step; nothing changes if it is not positive
@@ -356,7 +362,7 @@ def haptic(
     touching = normal_force > 0.0
     shown = damped = normal_force
     if gains.passive:
-        shown, damped = render(gains, state, past, before, normal_force, n, approach, position, lag, dt)
+        shown, damped = render(gains, state, past, before, normal_force, n, approach, compression, position, lag, dt)
     put(state.position, (x, y, z))
     # 4. mode, its spring and damper, and the decaying difference from the former mode
     contact = switch(gains, state, touching, approach, x, y, z, vx, vy, vz)

@@ -27,6 +27,11 @@ that a line that replaces a steep law stays. A law F ~ s^n with n >= 1 that is n
 >= F²/2K, and is not limited. W alone would let a law that is soft at first and then steep, as that of a fingertip on a
 rigid body, return too far. The work of friction does not count: a slide on a hard surface would pay for an oscillation.
 
+Tissue that rises under a finger, because another finger or organ leaves it or pushes it there, raises the force without
+the hand. This counts as motion of the finger as well: what moves the surface pays for it. A finger compresses itself by
+at most the distance that it moves in or slides; what its compression grows beyond that, averaged over `CALM` so that
+oscillations of the finger cancel, is by the surface. (Where a whole organ moves, positions are those in the organ.)
+
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound b > K T (d + 1/2).
 """
 
@@ -41,12 +46,16 @@ MOST = 1e12  # [N/m]
 LEAP = 0.1  # [N] largest change of force over one step of the position
 SPAN = 8.0  # [1] steps of the device's position over which a slope is measured
 FORGET = 0.01  # [s] time below the line after which it is dropped, and in which it returns to the law
+CALM = 0.02  # [s] time constant of the mean of the surface's motion
+FASTEST = 1.0  # [m/s] at which each motion counts in that mean
 WALL = {"line": (), "law": (), "cut": bool, "below": ()}
 """The line [N] that bounds the force, the last contact force [N], whether the line is active, and the time [s] that the
 force has been below it."""
 GAUGE = {"slope": (), "depth": (), "mark": (), "mark_force": (), "paid": (), "shown": ()}
 """The slope [N/m], the depth since contact began [m], the depth [m] and force [N] from which the slope is measured, the
 work of the rendered force since contact began [J], and this force [N]."""
+SURFACE = {"compression": (), "growth": (), "way": (), "sideways": ()}
+"""Compression [m] of the fingertip, and means [m] of its growth in a step and of the finger's motion, of `lift`."""
 
 
 @ieee_kernel
@@ -91,6 +100,34 @@ def soften(
     if wall.below > FORGET:
         wall.cut = False
     return max(force, min(least, wall.line))
+
+
+@kernel
+def bounded(value: float, most: float):
+    """The value within [-most, most]."""
+    return max(-most, min(value, most))
+
+
+@kernel
+def lift(surface: Record, compression: float, way: float, sideways: float, dt: float):
+    """Motion [m] of the surface towards the finger in this step, never negative.
+
+    surface          `SURFACE`, changed in place
+    compression [m]  of the fingertip; 0 without contact
+    way         [m]  motion into the surface since the last step
+    sideways    [m]  motion along the surface since then
+    dt          [s]
+    """
+    if not compression > 0.0:
+        clear(surface)
+        return 0.0
+    if surface.compression > 0.0:  # a part of the first step of a contact was through air
+        share, most = -math.expm1(-dt / CALM), FASTEST * dt  # a wrong number in an input is soon forgotten
+        surface.growth += (bounded(compression - surface.compression, most) - surface.growth) * share
+        surface.way += (bounded(way, most) - surface.way) * share
+        surface.sideways += (bounded(sideways, most) - surface.sideways) * share
+    surface.compression = compression
+    return max(surface.growth - max(surface.way, 0.0) - surface.sideways, 0.0)
 
 
 @kernel

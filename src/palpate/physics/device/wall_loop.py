@@ -88,7 +88,7 @@ def _run(
             force = max(-stiffness * seen - damping * rate, 0.0)
         if controlled:
             place, velocity = (0.0, 0.0, seen), (0.0, 0.0, rate)
-            force = haptic(gains, state, past, force, normal, zero, max(-seen, 0.0), place, velocity, dt)[2]
+            force = haptic(gains, state, past, force, normal, zero, max(-seen, 0.0), 0.0, place, velocity, dt)[2]
         elif twosided == 0.0:
             force = min(force, device.limit)
         out[i, 0], out[i, 1], out[i, 2] = x, force, energy
