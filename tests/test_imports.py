@@ -250,7 +250,7 @@ def test_a_folder_of_the_same_name_does_not_hide_the_package(tmp_path):
 
 
 SLOW = {"numba", "scipy", "pyvista", "zmq", "matplotlib"}
-SLOWER = {"numpy", "msgspec", "mcap", "palpate.nodes", "palpate.engine", "palpate.records"}
+SLOWER = {"numpy", "msgspec", "mcap", "rich.markdown", "palpate.nodes", "palpate.engine", "palpate.records"}
 
 
 @pytest.mark.parametrize("verb", ["--help", "list messages", "check --help", "list nodes --help", "new --help"])

@@ -47,6 +47,7 @@ FIXED = {
     "src/palpate/compiler/target/target.py": "replacements of the table in this file",
     "src/palpate/cli/machine/bytecode.py": "the modules of this installation",
     "src/palpate/cli/terminal/group.py": "commands, by their files",
+    "src/palpate/cli/terminal/formatter.py": "typer, and two modules of rich from the table in this file",
     "src/palpate/models/files/apart.py": "a function of this package, named by the calling process",
     "src/palpate/cli/machine/kernels.py": "the modules of this installation",
     "src/palpate/cli/machine/diagnostics.py": "the C library of this process",

@@ -5,6 +5,8 @@ import io
 import re
 import shlex
 import signal
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -363,3 +365,35 @@ def test_notes_of_the_live_view_are_not_repeated_at_the_end(capsys):
     print_end(SimpleNamespace(result=result, plan=plan, recording=None, verdict=None), "kidney", None, False, False)
     output_text = capsys.readouterr().out
     assert "a priority was refused" in output_text and "softer" not in output_text
+
+
+def groups(command, *names):
+    """Words and click command of each group."""
+    yield names, command
+    for name, sub in command.commands.items():
+        if isinstance(sub, TyperGroup):
+            yield from groups(sub, *names, name)
+
+
+@pytest.mark.parametrize(("names", "command"), list(groups(TOP)))
+def test_the_help_of_a_group_prints_the_texts_of_its_commands(names, command, monkeypatch):
+    """Its table is made of commands without parameters. Here it is compared with the help of the complete commands."""
+    printed = say(*names, "--help").stdout
+    monkeypatch.setattr(type(command.commands), "rows", lambda commands: commands)
+    assert say(*names, "--help").stdout == printed
+    assert all(name in printed for name in command.commands)
+
+
+def test_the_deferred_classes_of_the_help_are_those_of_rich():
+    """Also in a process where the library that formats help is imported first."""
+    code = (
+        "import sys; from palpate.cli.terminal.formatter import import_formatter; import_formatter()\n"
+        "from typer import rich_utils as of; assert not {'rich.markdown', 'rich.traceback'} & set(sys.modules)\n"
+        "text = of._make_rich_text(text='*a*', markup_mode='markdown')\n"
+        "try: 1 / 0\n"
+        "except ZeroDivisionError as error: shown = of.Traceback.from_exception(type(error), error, None)\n"
+        "from rich.markdown import Markdown; from rich.traceback import Traceback\n"
+        "print(type(text) is Markdown, type(shown) is Traceback)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.split() == ["True", "True"], done.stderr

@@ -10,9 +10,7 @@ imports palpate is not pinned: custom nodes that use numpy, and a basis built th
 `PALPATE_NATIVE=1` in the environment selects the fastest instructions of the processor; the last bits then differ.
 """
 
-import ctypes
 import functools
-import hashlib
 import os
 import platform
 import re
@@ -126,6 +124,8 @@ def _openblas() -> list[tuple[str, int]]:
             paths = {line.split(maxsplit=5)[5].strip() for line in file if "openblas" in line}
     except OSError:
         return []
+    import ctypes  # here and below: a command that computes nothing does not need it
+
     cores = []
     for path in sorted(paths):
         library = ctypes.CDLL(path)
@@ -144,6 +144,8 @@ def _kernels() -> str:
         return f"{LEVEL} with SVML" if "numba" in sys.modules and sys.modules["numba"].config.USING_SVML else LEVEL
     if processor := kernel_processor():
         return processor
+    import hashlib
+
     from numba.core.registry import cpu_target  # kernels are then compiled with numba's defaults
 
     _, name, features = cpu_target.target_context.codegen().magic_tuple()

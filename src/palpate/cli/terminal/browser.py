@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import threading
 import time
-import webbrowser
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -38,7 +37,7 @@ def show(
             if host not in LOOPBACK:
                 write(REMOTE.format(host=host), err=True)
             if not no_open:
-                threading.Thread(target=webbrowser.open, args=(page.address,), daemon=True).start()
+                threading.Thread(target=_open, args=(page.address,), daemon=True).start()
             while not signals and not over():
                 time.sleep(0.1)
     finally:
@@ -71,7 +70,7 @@ class RunPage:
         self._server = serve(self.live)
         if not silent:
             write(f"view it at {self._server.address}", err=True)
-        webbrowser.open(self._server.address)
+        _open(self._server.address)
 
     def stay(self) -> None:
         """Serve the page until its last viewer leaves, or Ctrl-C."""
@@ -84,3 +83,9 @@ class RunPage:
 
     def close(self) -> None:
         self._server.close()
+
+
+def _open(address: str) -> None:
+    import webbrowser  # help does not need it
+
+    webbrowser.open(address)
