@@ -126,6 +126,16 @@ def test_a_recording_becomes_an_episode_with_the_newest_messages_of_each_sample(
     assert pressed > 10
 
 
+def test_lerobot_can_add_episodes_as_to_its_sets(recording, tmp_path):
+    """It begins a file when the next episode would exceed the size that the set names [MB], and a folder after
+    `chunks_size` files: with the defaults of its format v3.0, not a file for each episode."""
+    export(recording, "lerobot", tmp_path / "set")
+    info = read(tmp_path / "set")[0]
+    assert info["codebase_version"] == "v3.0" and info["chunks_size"] == 1000
+    assert info["data_files_size_in_mb"] == 100 and info["video_files_size_in_mb"] == 200
+    assert info["data_path"].format(chunk_index=0, file_index=0) == "data/chunk-000/file-000.parquet"
+
+
 def touches(over, count, **given):
     given = {"duration": DURATION, "sets": SETS} | given
     return palpate.Ensemble("kidney", count, over, **given)
