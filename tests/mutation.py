@@ -71,7 +71,7 @@ ROOMS = {
 """Number of faults of each room, and its files and folders; a file belongs to the first room that names it."""
 RUNS = ("test_real_clock", "test_run", "test_bad_runs", "test_start_barrier", "test_wire", "test_zmtp", "test_replay")
 MOST = 12  # test files of a fault
-PATIENCE = 600  # [s] for the tests of one fault; one that hangs is noticed
+PATIENCE = 600  # [s] for the tests of one fault on a quiet machine; a longer one counts as hanging
 SWAPS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Lt: ast.GtE, ast.GtE: ast.Lt,
     ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
@@ -203,8 +203,9 @@ def in_folder_of(file: Path) -> list[Path]:
     return [path.relative_to(ROOT) for path in folder.glob("test_*.py")]
 
 
-def survives(tree: Path, tests: list[str]) -> bool:
-    """Whether all tests pass in this tree. They run in a fork, which has the libraries but no module of this tree."""
+def outcome(tree: Path, tests: list[str]) -> str:
+    """`survived`: all tests pass in this tree; `found`: one fails; `hangs`: they took longer than `PATIENCE`, or on a
+    busy machine a multiple of it. They run in a fork, which has the libraries but no module of this tree."""
     child = os.fork()
     if child == 0:
         os.setsid()
@@ -218,8 +219,8 @@ def survives(tree: Path, tests: list[str]) -> bool:
         early = "ignore::pytest.PytestAssertRewriteWarning"  # hypothesis is imported already
         code = pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-W", early, *tests])
         os._exit(code not in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED))  # all may be long
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
+    begun = time.monotonic()
+    while time.monotonic() < begun + PATIENCE * max(1.0, os.getloadavg()[0] / len(os.sched_getaffinity(0))):
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
             break
@@ -228,7 +229,8 @@ def survives(tree: Path, tests: list[str]) -> bool:
         os.killpg(child, signal.SIGKILL)
     if not done:
         os.waitpid(child, 0)
-    return bool(done) and status == 0
+        return "hangs"
+    return "found" if status else "survived"
 
 
 def copied(folder: Path) -> Path:
@@ -255,7 +257,7 @@ def run(wanted: list[Fault], tests: list[str] | None, end: float) -> int:
             chosen = []
             for test in tests or tests_of(Path(fault.file)):
                 if test not in sound:
-                    sound[test] = survives(tree, [test])
+                    sound[test] = outcome(tree, [test]) == "survived"
                     if not sound[test]:
                         print(f"left out  {test}: it fails without a fault", flush=True)
                         bad = 2
@@ -269,9 +271,9 @@ def run(wanted: list[Fault], tests: list[str] | None, end: float) -> int:
             original = place.read_text(encoding="utf-8")
             place.write_text(fault.source(), encoding="utf-8")
             tried += 1
-            found = not survives(tree, chosen)
-            left[room_of(Path(fault.file))] += not found
-            print(f"{'found   ' if found else 'survived'}  {fault.file}:{fault.line}: {fault.change}", flush=True)
+            became = outcome(tree, chosen)
+            left[room_of(Path(fault.file))] += became == "survived"
+            print(f"{became:<8}  {fault.file}:{fault.line}: {fault.change}", flush=True)
             place.write_text(original, encoding="utf-8")
     by_room = ", ".join(f"{room} {count}" for room, count in left.items() if count)
     print(f"{left.total()} of {tried} faults survived{f': {by_room}' if by_room else ''}")
