@@ -37,8 +37,8 @@ from palpate.launch.run.wire.wires import (
     wrong_endpoint,
 )
 from palpate.launch.run.work.activity import ENDED, Activity
+from palpate.launch.run.work.heartbeat import REPORT
 from palpate.launch.run.work.spawner import Spawner, worker_server
-from palpate.launch.run.work.worker import REPORT
 
 HEAD_START = 40_000_000  # [ns] from the order `Go` to tick 0, so that every worker has received it
 BEAT = 0.5  # [s] between heartbeats to workers on other machines

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.launch.run.work import worker
+from palpate.launch.run.work import expiry
 from palpate.studies.faults import search as searching
 from palpate.studies.faults.chain import Chain
 from palpate.studies.faults.fault import Fault
@@ -69,8 +69,8 @@ def test_an_input_that_never_expires_is_found(touched, monkeypatch):
     at = middle(touched)
     stopped = Fault("stops", "controller", "", between(at, at + 80), "")
     assert not any(score.broken for score in scores(touched, stopped).values())
-    monkeypatch.setattr(worker, "HELD", 10.0)
-    monkeypatch.setattr(worker, "RELEASED", 10.0)
+    monkeypatch.setattr(expiry, "HELD", 10.0)
+    monkeypatch.setattr(expiry, "RELEASED", 10.0)
     assert scores(touched, stopped)["silence"].broken
 
 
@@ -83,8 +83,8 @@ def test_a_node_that_does_not_return_is_found(touched, monkeypatch):
 
 
 def test_a_broken_seed_is_reduced_and_printed_with_its_last_events(tmp_path, monkeypatch):
-    monkeypatch.setattr(worker, "HELD", 10.0)
-    monkeypatch.setattr(worker, "RELEASED", 10.0)
+    monkeypatch.setattr(expiry, "HELD", 10.0)
+    monkeypatch.setattr(expiry, "RELEASED", 10.0)
     stops = Fault("stops", "controller", "", between(150, 10**6), "from 150 on")
     lost = Fault("lost", "tissue", "contact", between(155, 158), "155..158")
     monkeypatch.setattr(searching, "draw_faults", lambda *given: [lost, stops])

@@ -13,7 +13,7 @@ from palpate.engine import clock
 from palpate.launch.run import ending, launcher, reports
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.wire import bus, wires
-from palpate.launch.run.work import loops, simulated, worker
+from palpate.launch.run.work import loops, simulated
 from palpate.launch.run.work.far_clock import FarClock
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.studies.faults.launcher import search as searching
@@ -260,8 +260,8 @@ def with_a_wait_for_two_things(monkeypatch):
 
     def old(self):
         self.check_orders()
-        if clock.now() - self._reported > worker.REPORT:
-            self.sign_of_life()
+        if self.heartbeat.due(clock.now()):
+            self.heartbeat.send()
 
     monkeypatch.setattr(Worker, "_poll_while_full", old)
 

@@ -18,6 +18,7 @@ from palpate.engine.segment import CompiledSegment, Entrance
 from palpate.engine.slot import Output, RemoteStream, Slot
 from palpate.engine.table import ROW
 from palpate.engine.tick import run_tick
+from palpate.launch.run.hop.pauses import Pauses
 from palpate.launch.run.hop.ports import Port, Wire
 from palpate.launch.run.hop.table import (
     BETWEEN,
@@ -71,8 +72,7 @@ class Owner(Protocol):
     last: int | None
     tick: int
     feeds: dict[str, RemoteStream]
-    handed: bool
-    unsent: bool
+    pauses: Pauses
 
     def show(self, block: Block) -> None:
         """Pass messages to the observers."""
@@ -176,7 +176,7 @@ class Hop:
         if not self._set_lead(lead):
             return 0
         state, worker = self._state[0], self._worker
-        sends = worker.unsent  # then the messages of this tick wait in the journals: no node awaits them
+        sends = worker.pauses.unsent  # then the messages of this tick wait in the journals: no node awaits them
         self._prepare()
         state["origin"], state["last"] = origin, worker.tick
         state["end"] = FAR if worker.last is None else worker.last
@@ -286,7 +286,7 @@ class Hop:
             block = part.block()
             if block is not None:
                 self._worker.show(block)
-                self._worker.handed = self._worker.handed or part.collects
+                self._worker.pauses.handed |= part.collects
                 part.clear()
 
     # -- sockets -------------------------------------------------------------------------------------------------

@@ -31,10 +31,11 @@ from palpate.launch.run.work.activity import ENDED, Activity, activity
 from palpate.launch.run.work.compiling import compiler_watched
 from palpate.launch.run.work.far_clock import FarClock
 from palpate.launch.run.work.fused import death
+from palpate.launch.run.work.heartbeat import REPORT
 from palpate.launch.run.work.loops import run
 from palpate.launch.run.work.offered import refusal
 from palpate.launch.run.work.watchdog import running_node
-from palpate.launch.run.work.worker import ORPHANED, REPORT, EndedError, Worker
+from palpate.launch.run.work.worker import ORPHANED, EndedError, Worker
 from palpate.nodes.base import Node
 from palpate.physics.errors import RunError
 

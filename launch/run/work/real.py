@@ -41,7 +41,8 @@ from palpate.engine.schedule import (
 from palpate.engine.slot import Input, RemoteStream, Slot
 from palpate.engine.tick import run_tick
 from palpate.launch.run.hop.hop import FAR, Hop
-from palpate.launch.run.work.worker import EndedError, Worker, permitted_age
+from palpate.launch.run.work.expiry import permitted_age
+from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
 
 

@@ -6,65 +6,32 @@ The loops over the ticks are in `simulated` and `real`, one for each clock; `loo
 import contextlib
 import math
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from functools import partial
 
 from palpate.engine import clock
 from palpate.engine.clock import POLL_INTERVAL, Silence
-from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.segment import CompiledSegment, kernels, segments, table_runner
-from palpate.engine.slot import Input, NodeError, Output, RemoteStream, Slot, make
+from palpate.engine.slot import NodeError, Output, RemoteStream, Slot, make
 from palpate.launch.run.hop.blocks import picker
 from palpate.launch.run.hop.hop import Hop, load, suits
-from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
+from palpate.launch.run.hop.pauses import Pauses, Task
+from palpate.launch.run.reports import Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
-from palpate.launch.run.wire.bus import HEALTH, Bus, frame
+from palpate.launch.run.wire.bus import Bus
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
 from palpate.launch.run.work.compiling import compiling
+from palpate.launch.run.work.expiry import absences, end_inputs, permitted_age
 from palpate.launch.run.work.far_clock import FarClock
-from palpate.messages import Health, MessageError, pack, unpack
+from palpate.launch.run.work.heartbeat import Heartbeat
+from palpate.messages import MessageError, pack, unpack
 from palpate.nodes.base import Block, CompiledNode, Node
 
-BURST = 16  # ticks between two bursts to the observers
-FAST = 2500.0  # [Hz] rate of the real clock above which bursts are shorter: one of 16 ticks would delay the next tick
 OVERHEARD = 1000  # frames for observers handled in a row before the nodes run again
 ORPHANED = 5_000_000_000  # [ns] without an order of the launcher, time without scheduling excluded
 LOOK = 5_000_000  # [ns] between two polls of orders and readers while messages arrive
-REPORT = 200_000_000  # [ns] between two heartbeats
-REPORTED, PARTS = 2, 12  # nodes in one part of a heartbeat, but more if this needs more parts: 0.3 s on the real clock
-HELD = 0.007  # [s] age at which an input of a node on the real clock counts as absent
-RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
-
-
-def permitted_age(job: Job, slot: Slot, port: Input) -> float:
-    """The age [s] up to which an input is held on the real clock; `real` derives from it when the device stops."""
-    period = port.every / job.rate
-    age = max(RELEASED if slot.node.paced else HELD, 3 * period)
-    chained = job.links > 1 and not (slot.node.paced or port.port.optional)
-    return max(age / job.links, period) if chained else age
-
-
-def _absences(slot: Slot) -> str:
-    """The note on steps without an optional input that had expired."""
-    wired = [f"{port.port.name} of {port.producer}" for port in slot.inputs if port.port.optional and port.stream]
-    return (
-        f"optional inputs ({', '.join(wired)}) were absent in {slot.health.absent} steps of {slot.name}, because their"
-        " last message was too old: the sender was silent, or the machine stalled"
-    )
-
-
-def end_inputs(slots: Iterable[Slot], nodes: set[str], blocked: set[str], back: bool) -> None:
-    """End the inputs from dead nodes, or resume those of restarted ones; block or unblock nodes that need them."""
-    for slot in slots:
-        if slot.name in blocked:
-            slot.blocked = not back
-        for port in slot.inputs:
-            if port.producer in nodes | blocked:
-                port.dead = not back
-                port.queue.clear()
-                port.message = None
 
 
 class EndedError(Exception):
@@ -98,21 +65,15 @@ class Worker:
         self.tick = -1
         self.awaits: tuple[str, int] | None = None
         """Stream and tick of the message that it waits for, from the first `POLL_INTERVAL` on."""
-        self._since = 0
-        self._reported = self._polled = 0
-        self._sign: Iterator[None] | None = None  # the rest of a heartbeat
-        self._signed = False  # whether the last housekeeping sent a part of one
+        self.since = 0
+        self._polled = 0
+        self.heartbeat = Heartbeat(self)
         self._launcher = Silence()
         self.launcher_clock = FarClock() if alone else None
         self.origin = 0
         """[ns] Time of tick 0 on the clock of this machine."""
-        self._fast = self._real and job.rate > FAST
-        self._ticks_per_burst = max(1, round(BURST * FAST / job.rate)) if self._fast else BURST
-        self._burst = job.phase % self._ticks_per_burst
+        self.pauses = Pauses(job)
         self._started: list[tuple[str, Node]] = []
-        self.handed = self.unsent = False
-        """Whether the hop has handed messages over that no node awaits, in this pause between two ticks; whether those
-        of an earlier pause have not been sent."""
         self.hop: Hop | None = None
         """Set at tick 0 if all nodes are compiled and all connections stay on this machine."""
         if bus is not None:
@@ -230,20 +191,20 @@ class Worker:
         for observer in self.audience.begun:
             observer.node.take_origin(origin)
         if self._real:
-            self._since = max(0, int((clock.now() - origin) * 1e-9 * self.job.rate))
-            self.tick = max(self.tick, self._since - 1)  # ignore messages from before a restart
-            if self._since > 0:
+            self.since = max(0, int((clock.now() - origin) * 1e-9 * self.job.rate))
+            self.tick = max(self.tick, self.since - 1)  # ignore messages from before a restart
+            if self.since > 0:
                 for slot in self.slots:
                     slot.node.replaces()
         for slot in self.slots:
-            self._tell_observers(slot, slot.health.report())
+            self.heartbeat.tell_observers(slot, slot.health.report())
 
     def end_streams(self) -> None:
         """After the last step: send all messages, and the last health of the nodes."""
         self._flush()
-        self.sign_of_life()
+        self.heartbeat.send()
         if self.bus is not None:
-            self.bus.final = [pack(self._health(slot, slot.health.report())) for slot in self.slots]
+            self.bus.final = [pack(self.heartbeat.health(slot, slot.health.report())) for slot in self.slots]
 
     def offer_end(self) -> None:
         """Send the end of the streams to observers that have room for it, while the observers here still receive."""
@@ -255,7 +216,7 @@ class Worker:
         self.end_streams()
         for slot in self.slots:
             if slot.health.absent:
-                self.report(Note(_absences(slot), slot.name))
+                self.report(Note(absences(slot), slot.name))
         self._flush()
 
     # -- messages ------------------------------------------------------------------------------------------------
@@ -388,9 +349,9 @@ class Worker:
         self.drain()
         self.check_orders()
         self._overhear_some()
-        if clock.now() - self._reported > REPORT:
+        if self.heartbeat.due(clock.now()):
             self._flush()
-            self.sign_of_life()
+            self.heartbeat.send()
 
     def pause(self) -> None:
         """Wait up to `POLL_INTERVAL` for an order."""
@@ -441,24 +402,17 @@ class Worker:
 
     def housekeep(self, ticks: int = 1) -> None:
         """After some ticks: every few ticks send to observers and launcher. EndedError: `Quit` was ordered."""
-        self._burst += ticks
-        handed, self.handed = self.handed, False
-        full = self._burst >= self._ticks_per_burst
-        # To hand messages over, to send them and a part of a heartbeat take half a period each at 5 kHz: one a pause.
-        if handed and full and self._fast and not self.unsent:
-            self.unsent = True
+        task = self.pauses.choose(ticks, self.heartbeat.begun)
+        if task is Task.WAIT:
             return
-        if self._sign is not None and not self._signed:
-            self._signed = True
-            if next(self._sign, self) is self:
-                self._sign = None
+        if task is Task.SIGN:
+            self.heartbeat.send_part()
             return
-        self._signed = False
         moment = clock.now()
-        due = moment - self._reported > REPORT  # slow nodes must also send heartbeats
-        if not full and not due:
+        due = self.heartbeat.due(moment)  # slow nodes must also send heartbeats
+        if task is Task.NONE and not due:
             return
-        self._burst = 0
+        self.pauses.begin_burst()
         if moment - self._polled > LOOK:
             self._polled = moment
             if self.slots:
@@ -468,12 +422,12 @@ class Worker:
                 self._overhear_some()
             if self.bus is not None and self.bus.update_listeners():
                 self._mark_heard()
-        self._flush(hand_over=not self.unsent, rest=False)
-        self.unsent = False
+        self._flush(hand_over=not self.pauses.unsent, rest=False)
+        self.pauses.unsent = False
         if due and self._real:
-            self._sign = self._sign or self._signs()
+            self.heartbeat.begin()
         elif due:
-            self.sign_of_life()
+            self.heartbeat.send()
 
     def _flush(self, hand_over: bool = True, rest: bool = True) -> None:
         """Send the buffered messages to the observers; `hand_over`: also those in the journals; `rest`: see
@@ -493,8 +447,8 @@ class Worker:
             if self.bus is not None:
                 self.bus.sweep()
             self.check_orders()
-            if clock.now() - self._reported > REPORT:
-                self.sign_of_life()
+            if self.heartbeat.due(clock.now()):
+                self.heartbeat.send()
         finally:
             self.awaits = awaits
 
@@ -505,50 +459,6 @@ class Worker:
             for part in self.parts:
                 if isinstance(part, CompiledSegment):
                     part.listen()
-
-    def sign_of_life(self) -> None:
-        """Send the health of the nodes to launcher and observers."""
-        self._sign = None
-        for _ in self._signs():
-            pass
-
-    def _signs(self) -> Iterator[None]:
-        """Send the health of the nodes in parts: on the real clock one after each block of ticks, since the whole would
-        take longer than a tick."""
-        self._reported = clock.now()
-        if self.hop is not None:
-            self.hop.count()
-        for part in self.parts:
-            if isinstance(part, CompiledSegment):
-                part.count()
-        nodes: dict[str, Counters] = {}
-        share = max(REPORTED, -(-len(self.slots) // PARTS))
-        for k, slot in enumerate(self.slots):
-            if k % share == 0:
-                yield
-            slot.health.state = slot.node.condition() or "ready"
-            nodes[slot.name] = slot.health.report(slot.forces())
-            self._tell_observers(slot, nodes[slot.name])
-        yield
-        nodes |= {observer.name: observer.health.report() for observer in self.audience.slots}
-        self.report(Alive(nodes, self.awaits))
-        yield
-        self.pass_notes()
-
-    def _tell_observers(self, slot: Slot, counters: Counters) -> None:
-        """Send the health of a node to the observers here and in other workers."""
-        far = self.bus is not None and self.bus.has_reader(HEALTH)
-        if not far and not self.audience.begun:
-            return
-        health = self._health(slot, counters)
-        self.audience.pass_health(health)
-        if far and self.bus is not None:
-            self.bus.keep(frame(HEALTH, pack(health)))
-
-    def _health(self, slot: Slot, counters: Counters) -> Health:
-        """The health of a node as a message."""
-        last = slot.outputs[0].last if slot.outputs else None
-        return message(slot.name, last.time if last is not None else 0, self._since, counters)
 
     def pass_notes(self) -> None:
         """Report the new notes of all nodes."""

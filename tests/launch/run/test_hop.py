@@ -130,7 +130,7 @@ class Bench:
         self.read()
 
     def counts(self) -> list[tuple[int, ...]]:
-        self.worker.sign_of_life()
+        self.worker.heartbeat.send()
         health = [slot.health for slot in self.worker.slots]
         return [(h.tick, h.step.count + h.counted, h.asleep, h.lost, h.held) for h in health]
 

@@ -11,10 +11,12 @@ from palpate.engine.tick import run_tick
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
 from palpate.launch.run.assign import jobs
+from palpate.launch.run.hop.pauses import BURST
 from palpate.launch.run.reports import Alive
 from palpate.launch.run.work import real
+from palpate.launch.run.work.heartbeat import REPORT
 from palpate.launch.run.work.simulated import SimulatedClock
-from palpate.launch.run.work.worker import BURST, REPORT, Worker
+from palpate.launch.run.work.worker import Worker
 from palpate.messages import pack
 
 TICKS = 400
@@ -133,8 +135,8 @@ def test_a_pause_between_two_ticks_has_one_job(monkeypatch, period, rate):
     pauses = []
     for _ in range(300):
         done.clear()
-        if not worker.unsent:  # as the hop does
-            worker.handed = True
+        if not worker.pauses.unsent:  # as the hop does
+            worker.pauses.handed = True
             done.append("hands over")
         worker.housekeep(BURST)
         pauses.append({"part" if kind == "heartbeat" else kind for kind in done})

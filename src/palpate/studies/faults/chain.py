@@ -15,8 +15,8 @@ from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.wire.wires import blocked_by
+from palpate.launch.run.work.expiry import end_inputs
 from palpate.launch.run.work.real import take_inputs
-from palpate.launch.run.work.worker import end_inputs
 from palpate.messages import Message, Pose, Torque
 from palpate.nodes.device import Simulated
 
