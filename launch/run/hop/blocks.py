@@ -20,6 +20,7 @@ from palpate.nodes.base.block import ENTRY, MARGIN
 
 LONGEST = 1 << 16  # [bytes] of the messages in a frame, so that the number of frames bounds the memory of a queue
 FRAMES, ROOM = 64, 1 << 18  # frames and bytes of a block at first
+_MARK = bytes([MARK])
 
 
 @cache
@@ -80,3 +81,32 @@ def block_of(stream: str, payload: bytes) -> Block | None:
     begins = np.cumsum(lengths + MARGIN) - lengths
     whole = (lengths >= 0).all() and (entries["begin"] == begins).all() and entries["end"][-1] == len(memory)
     return Block([stream], entries, memory) if whole and not entries["number"].any() else None
+
+
+def join_blocks(frames: list[bytes]) -> list[bytes]:
+    """The frames of one stream from one parcel. Blocks are joined to one, if all are blocks and their ticks ascend.
+
+    An observer takes about the same time for a block of 8 and of 48 messages, and at 5 kHz a block has 8.
+    """
+    if len(frames) < 2:
+        return frames
+    mark = frames[0].index(b"\0") + 1
+    begin = mark + 1 + COUNT
+    counts, places = [], []
+    for frame in frames:
+        count = int.from_bytes(frame[mark + 1 : begin], "little")
+        after = begin + count * ENTRY.itemsize
+        if frame[mark : mark + 1] != _MARK or not count or len(frame) < after:
+            return frames
+        counts.append(count)
+        places.append(after)
+    parts = list(zip(frames, places, strict=True))
+    entries = np.frombuffer(bytearray().join([frame[begin:after] for frame, after in parts]), ENTRY)
+    if (np.diff(entries["tick"]) <= 0).any():  # of a restarted node: an observer takes only the later ones
+        return frames
+    sizes = [len(frame) - after for frame, after in parts]
+    shifts = np.repeat(np.cumsum([0, *sizes[:-1]]), counts)
+    entries["begin"] += shifts
+    entries["end"] += shifts
+    head = frames[0][:mark] + _MARK + len(entries).to_bytes(COUNT, "little")
+    return [b"".join((head, entries.tobytes(), *(frame[after:] for frame, after in parts)))]

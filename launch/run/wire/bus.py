@@ -21,7 +21,7 @@ import zmq
 
 from palpate.engine.clock import POLL_INTERVAL, now
 from palpate.engine.slot import Output
-from palpate.launch.run.hop.blocks import Framer
+from palpate.launch.run.hop.blocks import Framer, join_blocks
 from palpate.launch.run.reports import ORDERS, REPEATED, Addressed, Beat, NodesEnded, Note, Order, Report
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import HIGH_WATER, LONGEST_FRAME, Inlet, TcpInlet
@@ -287,7 +287,8 @@ class Bus:
         """Return the next frame for the observers here, or None; `wait`: wait for one, up to `POLL_INTERVAL`."""
         while not self._unpacked:
             try:
-                self._unpacked += self._unpacker.unpack(self._observed.recv(0 if wait else zmq.NOBLOCK))
+                parcel = self._observed.recv(0 if wait else zmq.NOBLOCK)
+                self._unpacked += join_blocks(self._unpacker.unpack(parcel))
             except zmq.Again:
                 return None
         return self._unpacked.popleft()

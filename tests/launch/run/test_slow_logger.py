@@ -6,12 +6,14 @@ import random
 import threading
 import time
 
+import numpy as np
 import pytest
 from graphs_for_runs import write_graph
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.engine.job import Job, ObserverJob, StreamJob
+from palpate.engine.slot import Output
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import execute
 from palpate.launch.run.wire import bus as bus_module
@@ -20,6 +22,8 @@ from palpate.launch.run.wire.audience import Audience
 from palpate.launch.run.wire.bus import END, HEALTH, Bus, frame
 from palpate.launch.run.wire.parcels import LONGEST
 from palpate.messages import Health, Torque, pack
+from palpate.nodes.base import Block
+from palpate.nodes.base.block import ENTRY, MARGIN
 from palpate.records.format.mcap_file import lacking
 from palpate.records.reader import Recording
 
@@ -153,6 +157,22 @@ def test_frames_of_changing_length_never_end_the_transfer(group, seed):
         while group.reader.overheard(wait=True) is None:
             assert time.monotonic() < until, "nothing that is sent arrives any more"
             send(length)
+
+
+def test_short_blocks_that_were_sent_together_are_read_as_one(group):
+    """At 5 kHz the logger took half a period to read the six blocks of eight messages that a parcel contains."""
+    output = Output("node", Torque, external=False)
+    output.observed = True
+    for begin in range(0, 48, 8):
+        memory, entries = bytearray(), []
+        for tick in range(begin, begin + 8):
+            payload = pack(Torque(torques=(1.0, 2.0, float(tick)), tick=tick, source="node"))
+            memory += bytes(MARGIN) + payload
+            entries.append((0, tick, 0, len(memory) - len(payload), len(memory)))
+        group.sender.keep_block(Block(["node"], np.array(entries, ENTRY), np.frombuffer(memory, np.uint8)), [output])
+    group.sender.flush()
+    assert group.audience.handle_frame(group.reader.overheard(wait=True)) == 47
+    assert group.audience.slots[0].last["node"] == 47 and group.reader.overheard(wait=False) is None
 
 
 TWO = """

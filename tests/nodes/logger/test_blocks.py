@@ -9,6 +9,7 @@ import pytest
 
 from palpate.engine.slot import Output
 from palpate.launch.run.hop import blocks
+from palpate.launch.run.wire.parcels import Packer, Unpacker
 from palpate.messages import DeviceState, Health, pack
 from palpate.nodes.base import Block, Observer, Stream
 from palpate.nodes.base.block import ENTRY, MARGIN
@@ -102,6 +103,60 @@ def test_a_block_is_sent_in_frames_of_bounded_length(monkeypatch, longest):
             counts[name] += 1
         assert received == {n: [message for message in given.messages() if message[0] == n] for n in observed}
         assert all((count > 1) == (longest < 1 << 16) for count in counts.values())
+
+
+def frames_of(streams: set[str], *given: Block) -> dict[str, list[bytes]]:
+    """The frames of some streams of blocks, by stream."""
+    outputs = [Output(name, DeviceState, external=False) for name in STREAMS]
+    for output in outputs:
+        output.observed = output.stream in streams
+    framer = blocks.Framer(outputs)
+    frames: dict[str, list[bytes]] = {}
+    for frame in (frame for each in given for frame in framer.frames(each)):
+        frames.setdefault(frame.partition(b"\0")[0].decode(), []).append(frame)
+    return frames
+
+
+def messages_of(frames: list[bytes]) -> list[tuple[str, int, bytes]]:
+    topics = [frame.partition(b"\0") for frame in frames]
+    found = [blocks.block_of(topic.decode(), payload) for topic, _, payload in topics]
+    assert None not in found
+    return [message for one in found for message in one.messages()]
+
+
+def test_the_short_blocks_of_a_parcel_are_one_block():
+    """At 5 kHz a block has 8 ticks, for which an observer took as long as for 48."""
+    bursts = [block(range(begin, begin + 8), {3, 17}) for begin in range(0, 48, 8)]
+    for name, sent in frames_of({"fast", "slow"}, *bursts).items():
+        assert len(sent) == 6
+        [parcel] = Packer(together=True).pack(sent)
+        joined = blocks.join_blocks(Unpacker(1 << 20).unpack(parcel))
+        assert len(joined) == 1 and messages_of(joined) == messages_of(sent), name
+        assert blocks.join_blocks(joined) == joined
+    assert blocks.join_blocks([]) == []
+
+
+def test_frames_that_are_no_ascending_blocks_are_not_joined():
+    """Those of a restarted node begin again, and a node in Python sends single messages."""
+    sent = frames_of({"fast"}, block(range(8), set()), block(range(6, 12), set()))["fast"]
+    assert blocks.join_blocks(sent) == sent
+    single = b"fast\0" + pack(DeviceState(tick=20))
+    cut = sent[1][: len(b"fast\0") + 1 + 4 + 40]
+    for other in (single, cut, b"fast\0", b"fast\0" + bytes([0xC1])):
+        for mixed in ([sent[0], other], [other, sent[0]]):
+            assert blocks.join_blocks(mixed) == mixed
+
+
+def test_a_damaged_block_among_joined_ones_is_no_block():
+    sent = frames_of({"fast"}, *(block(range(begin, begin + 8), set()) for begin in range(0, 24, 8)))["fast"]
+    for at in range(len(b"fast\0") + 1 + 4, len(b"fast\0") + 1 + 4 + ENTRY.itemsize):
+        damaged = bytearray(sent[1])
+        damaged[at] ^= 0x40
+        joined = blocks.join_blocks([sent[0], bytes(damaged), sent[2]])
+        found = [blocks.block_of("fast", frame.partition(b"\0")[2]) for frame in joined]
+        entry, _ = divmod(at - len(b"fast\0") - 5, 8)
+        of_memory = ENTRY.names[entry] in ("number", "begin", "end")
+        assert (None in found) == of_memory, ENTRY.names[entry]
 
 
 def test_all_streams_are_framed_in_one_call_of_compiled_code_in_the_same_memory(monkeypatch):
