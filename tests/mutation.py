@@ -183,15 +183,20 @@ def imports(file: Path) -> frozenset[str]:
 @functools.cache
 def tests_of(file: Path) -> list[str]:
     """The test files that import a module, the most special ones first; else those of its folder, which reach it by
-    its name, and of the modules that import it; of `engine` and `launch/run` also those of runs and replays."""
+    its name, and of the modules that import it, those that are both first; of `engine` and `launch/run` also those of
+    runs and replays."""
     tests = [path.relative_to(ROOT) for path in ROOT.glob("tests/**/test_*.py")]
     near, seen, found = {module_of(file)}, set(), []
     while near and not (found := [test for test in tests if near & imports(test)]):
         seen |= near
         near = {module_of(other) for other in sources() if near & imports(other)} - seen
     neighbours = in_folder_of(file) if seen else []
-    found = list({*neighbours, *found})
-    found.sort(key=lambda test: (file.stem not in test.stem, test not in neighbours, len(imports(test)), test))
+    both, found = {*neighbours} & {*found}, list({*neighbours, *found})
+
+    def rank(test: Path) -> tuple[object, ...]:
+        return file.stem not in test.stem, test not in both, test not in neighbours, len(imports(test)), test
+
+    found.sort(key=rank)
     runs = [test for test in tests if test.stem in RUNS] if {"engine", "run"} & set(file.parts) else []
     return [str(test) for test in dict.fromkeys([*found[:MOST], *sorted(runs)])]
 
