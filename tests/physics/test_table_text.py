@@ -27,6 +27,18 @@ def test_a_text_may_begin_like_the_file_of_an_instrument(tmp_path):
     assert text_lines(tmp_path / "a")[0] == "TDSm,force"
 
 
+@pytest.mark.parametrize("head", ["déplacement;réaction", "Prüfkörper größer;Längenänderung", "élévation,épaisseur"])
+def test_accents_of_latin_1_are_not_read_as_kanji(tmp_path, head):
+    """Each of these letters and the next one are two bytes that Shift-JIS reads as a kanji or kana."""
+    (tmp_path / "a").write_bytes(f"{head}\n1;2\n".encode("latin-1"))
+    assert text_lines(tmp_path / "a")[0] == head
+
+
+def test_a_japanese_head_is_read(tmp_path):
+    (tmp_path / "a").write_bytes("変位,荷重\n1,2\n".encode("cp932"))
+    assert text_lines(tmp_path / "a")[0] == "変位,荷重"
+
+
 def test_a_file_of_matlab_that_unpacks_beyond_its_limit_is_refused(tmp_path):
     path = tmp_path / "a.mat"
     savemat(path, {"force": np.arange(5.0)}, do_compression=True)
