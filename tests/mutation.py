@@ -182,9 +182,9 @@ def imports(file: Path) -> frozenset[str]:
 
 @functools.cache
 def tests_of(file: Path) -> list[str]:
-    """The test files that import a module, the most special ones first; else those of its folder, which reach it by
-    its name, and of the modules that import it, those that are both first; of `engine` and `launch/run` also those of
-    runs and replays."""
+    """The test files that import a module, the most special ones first, then those of the modules that import it; else
+    those of its folder, which reach it by its name, and of the modules that import it, those that are both first; of
+    `engine` and `launch/run` also those of runs and replays."""
     tests = [path.relative_to(ROOT) for path in ROOT.glob("tests/**/test_*.py")]
     near, seen, found = {module_of(file)}, set(), []
     while near and not (found := [test for test in tests if near & imports(test)]):
@@ -197,6 +197,9 @@ def tests_of(file: Path) -> list[str]:
         return file.stem not in test.stem, test not in both, test not in neighbours, len(imports(test)), test
 
     found.sort(key=rank)
+    if not seen:
+        near = {module_of(other) for other in sources() if near & imports(other)}
+        found += sorted({test for test in tests if near & imports(test)} - {*found}, key=rank)
     runs = [test for test in tests if test.stem in RUNS] if {"engine", "run"} & set(file.parts) else []
     return [str(test) for test in dict.fromkeys([*found[:MOST], *sorted(runs)])]
 
