@@ -294,3 +294,17 @@ def test_a_file_that_is_too_large_is_rejected_without_reading(tmp_path, monkeypa
     monkeypatch.setattr(surfaces, "file_digest", read)
     with pytest.raises(SettingError, match="has 3221 MB, expected at most 268 MB"):
         surface_mesh(str(path), 100)
+
+
+def test_the_pieces_with_edges_of_three_triangles_are_counted(tmp_path):
+    """Two boxes, each with a fin, and a sheet between them, which is open and has no such edge."""
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    a, b = box.faces[0, :2]
+    fin = trimesh.Trimesh(
+        [*box.vertices, box.vertices[a] + [0.0, 0.0, 0.3]], [*box.faces, [a, b, len(box.vertices)]], process=False
+    )
+    pieces = [fin, trimesh.Trimesh([[2.0, 0, 0], [2.1, 0, 0], [2.0, 0.1, 0]], [[0, 1, 2]]), fin.copy()]
+    pieces[2].apply_translation([4.0, 0.0, 0.0])
+    trimesh.util.concatenate(pieces).export(tmp_path / "fins.ply")
+    with pytest.raises(SettingError, match=r"has 2 edges that more than two .* \(in 2 of its 3 pieces; --piece K"):
+        surface_mesh(str(tmp_path / "fins.ply"), 0, file_unit="cm", piece=-1)
