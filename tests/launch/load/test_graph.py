@@ -50,6 +50,16 @@ def test_a_later_with_precedes_an_earlier_one(whole):
     assert load(whole).nodes["tissue"].settings["stiffness"] == 9.0
 
 
+def test_a_mapping_may_have_settings_of_any_class_of_the_module_but_no_others(whole):
+    """So that one word swaps the models of a custom module. `Moody` has `high`, and no shipped class has."""
+    text = whole.read_text()
+    whole.write_text(text.replace("with: $tissue", "with: [$tissue, {high: 2 m}]"))
+    assert load(whole).nodes["tissue"].settings["stiffness"] == 400.0
+    whole.write_text(text.replace("with: $tissue", "with: [$tissue, {highest: 2 m}]"))
+    with pytest.raises(GraphError, match="'highest' is a setting of no class of graph_nodes"):
+        load(whole)
+
+
 def test_one_word_swaps_the_model(whole):
     foam = load(whole, overrides=["tissue.use=graph_nodes.Foam"])
     assert foam.nodes["tissue"].settings == {"stiffness": 400.0, "cells": 12}
