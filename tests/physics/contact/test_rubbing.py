@@ -155,6 +155,33 @@ def test_bodies_that_rotate_get_no_energy_from_their_friction_and_its_frame_does
     assert rubbed > 12
 
 
+@pytest.mark.parametrize("axis, degrees, kept", [
+    ((0.0, 0.0, 1.0), 180.0, False), ((0.0, 1.0, 0.0), 180.0, False), ((1.0, 0.0, 0.0), 180.0, False),
+    ((0.0, 0.0, 1.0), 179.0, True), ((0.6, 0.0, 0.8), 120.0, True),
+])  # fmt: skip
+def test_bristles_that_a_turn_leaves_no_direction_lose_their_energy_to_the_balance(axis, degrees, kept):
+    """The first body turns within one step, in which nothing else moves: about the normal, where the bristles cancel,
+    and about axes along the surface, where the normals of the two bodies cancel. What was stored is lost then, not
+    more; a smaller turn, also one that is nearly opposite, keeps it up to the work of that step."""
+    made, rub = pair_of(np.random.default_rng(9), 0.5, 1e3, taus=(0.0, 0.0))
+    _, _, works = run(made, rub, np.tile((1e-5, 0.0, 0.0), (30, 1)), np.full(30, 5e-4))
+    worked, (stored, lost) = works.sum(), (float(rub.balance[name][0]) for name in ("stored", "dissipated"))
+    assert stored > 1e-7 and worked + stored + lost == approx(0.0, abs=1e-12 * lost)
+    rub.axes[0] = Rotation.from_rotvec(np.radians(degrees) * np.array(axis)).as_matrix()
+    between.step_pair(made, np.stack([np.full(SIZE, -5e-4), np.zeros(SIZE)]), DT, 10_000)
+    rub.carried[:] = 0.0
+    before = rub.moved.copy()
+    step_rubbing(made, rub, DT)
+    by, along = (rub.moved - before).reshape(2, 2, SIZE), np.einsum("bmi,bami->bam", rub.force, rub.tangents)
+    worked += float((along * by).sum())
+    after, spent = float(rub.balance["stored"][0]), float(rub.balance["dissipated"][0])
+    assert worked + after + spent == approx(0.0, abs=1e-12 * spent)
+    if kept:
+        assert rub.bristle @ rub.bristle > 0.0 and spent - lost < 0.5 * stored
+    else:  # the bristles of this step are those of a body at rest
+        assert spent - lost == approx(stored, rel=0.2) and after < 0.2 * stored
+
+
 @pytest.mark.parametrize("degrees", [0.0, 10.0, 30.0])
 def test_rigid_bodies_on_a_wedge_have_the_friction_of_the_parts_along_its_faces(degrees):
     """Half of the normal force on each face, (s, 0, c) and (-s, 0, c): the slide along the ridge has the limit mu N;
@@ -212,7 +239,9 @@ def test_a_film_of_fluid_resists_in_proportion_to_the_speed():
 def test_bodies_that_part_forget_the_bristles(viscous):
     made, rub = pair_of(np.random.default_rng(7), 0.5, viscous=viscous)
     run(made, rub, np.tile((1e-5, 0, 0), (20, 1)), np.full(20, 5e-4))
-    assert np.linalg.norm(rub.total) > 0.0
+    stored, lost = (float(rub.balance[name][0]) for name in ("stored", "dissipated"))
+    assert np.linalg.norm(rub.total) > 0.0 and stored > 0.0
     run(made, rub, np.zeros((1, 3)), [-1e-2])
     assert not made.active.force.any()
     assert not rub.force.any() and not rub.bristle.any() and rub.balance["stored"][0] == 0.0
+    assert rub.balance["dissipated"][0] - lost == approx(stored, rel=1e-12)

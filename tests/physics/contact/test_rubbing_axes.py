@@ -80,6 +80,17 @@ def test_any_turn_keeps_the_energy_of_the_bristles():
     assert course(still, np.array([UP, -UP]), [1.0, 2.0, 3.0])[-1] == approx([-1.0, -2.0, -3.0])
 
 
+def test_a_turn_by_180_degrees_within_a_step_leaves_the_bristles_no_direction():
+    """About the normal the bristles of both bodies cancel, about another axis the normals; rounding is no direction.
+    A thousandth of a degree less, and they keep their size, at 90 degrees to where they were."""
+    z = np.array([3e-5, 0.0, 0.0])
+    for axis, normals in ((UP, [UP, UP]), (np.array([1.0, 0.0, 0.0]), [UP, UP]), (UP, [UP, -UP])):
+        turns = np.stack([spun(np.outer([0.0, np.pi], axis)), np.tile(np.eye(3), (2, 1, 1))], axis=1)
+        assert not course(turns, np.array(normals), z)[-1].any()
+    turns = np.stack([spun(np.outer([0.0, np.radians(179.999)], UP)), np.tile(np.eye(3), (2, 1, 1))], axis=1)
+    assert course(turns, np.array([UP, UP]), z)[-1] == approx(3e-5 * np.array([0.0, 1.0, 0.0]), abs=1e-9)
+
+
 def test_a_block_is_turned_as_a_tensor():
     rng = np.random.default_rng(5)
     axes, block, out = spun(rng.normal(size=3)), rng.normal(size=(3, 3)), np.ones((3, 3))

@@ -30,7 +30,8 @@ C + P M P, and e has P M times the force on the first body of the last step.
 
 Passive: the plastic slip v T - (z+ - z) = l F dissipates l |F|² >= 0, and F.(z+ - z) is at least the increase of the
 energy |F|²/(2 k) of the bristles, which turn without a change of |z|. The work of the friction on the surfaces is
--F.v T for the shares of this step.
+-F.v T for the shares of this step. All of it that the bristles do not store is dissipated: also what they stored before
+a turn by 180° within a step, which leaves them no direction (`rubbing_axes`), and before the bodies part.
 
 J. C. Simo, T. A. Laursen, Comput. Struct. 42 (1992) 97-116, as `physics.friction.coulomb`.
 Range: as `between`: slides that are small against the radii of curvature, and any rotation of the bodies.
@@ -246,12 +247,13 @@ def end_rubbing(pair: Pair, rub: Rubbing, normal: float, dt: float):
     for x in range(3):
         force, way = rub.given[0, x, 0], _way(rub, free, x)
         before, held = rub.bristle[x], force / law.stiffness
-        work += force * way + film * way * way - 0.5 * (force * held - law.stiffness * before * before)
+        work += force * way + film * way * way
         slip += (way - (held - before)) ** 2
         square += force * force
         rub.bristle[x], rub.speed[x], rub.total[x] = held, way / dt, force + film * way
-    balance.dissipated += work
-    balance.stored = 0.5 * square / law.stiffness
+    stored = 0.5 * square / law.stiffness
+    balance.dissipated += work - (stored - balance.stored)
+    balance.stored = stored
     balance.slipped += np.sqrt(slip)
     keep_turned(rub.axes, rub.bristle, rub.bristles)
     keep_turned(rub.axes, rub.normal, rub.facing)

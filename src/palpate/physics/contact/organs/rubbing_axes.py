@@ -9,7 +9,9 @@ by the smallest rotation from m, which is the last normal turned with the bodies
     c z + v x z + v (v.z)/(1 + c),    v = m x n,    c = m.n
 
 (parallel transport along the path of the contact): they remain along the surface. |z| does not change, so that neither
-turn changes the energy of the bristles.
+turn changes the energy of the bristles. Where one body turns by 180° against the other within a step, R_1 z_1 and
+R_2 z_2 or the normals of the last step may cancel, and z has no direction: it is then zero, and `rubbing` counts its
+energy as dissipated.
 
 J. C. Simo, T. J. R. Hughes, Computational Inelasticity, 1998, ch. 8: objective rates.
 """
@@ -21,7 +23,7 @@ from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Matrix, Tensor, Vector3
 from palpate.physics.bodies.floating.turning import cross, times, times_back
 
-LEAST = 1e-12  # [1] of 1 + c, where the normal jumps to its opposite
+LEAST = 1e-12  # [1] of 1 + c, where the normal jumps to its opposite, and of a sum over its parts that do not cancel
 
 
 @kernel
@@ -50,11 +52,11 @@ def keep_turned(axes: Tensor, x: Vector3, out: Matrix):
 
 @kernel
 def _mean(axes: Tensor, kept: Matrix, size: float):
-    """The vector (3) of this size along the sum of those that `keep_turned` kept; 0 if that is 0."""
+    """The vector (3) of this size along the sum of those that `keep_turned` kept; 0 if they cancel."""
     x, y = times(axes[0], kept[0]), times(axes[1], kept[1])
     s = (x[0] + y[0], x[1] + y[1], x[2] + y[2])
     whole = np.sqrt(dot(s, s))
-    share = size / whole if whole > 0.0 else 0.0
+    share = size / whole if whole > LEAST * size else 0.0
     return share * s[0], share * s[1], share * s[2]
 
 
