@@ -222,7 +222,7 @@ class World(CompiledNode):
 
 @kernel
 def pushed(own, organs):
-    """Force [N] (3) of all organs that touch an organ, and moment on its rotation vector [N m] (3)."""
+    """Force [N] (3) of all organs that touch an organ, and moment [N m] (3) about its centre, in the world."""
     force = moment = REST
     sides = integers(own.at_side)
     for i in range(min(organs.count, len(sides))):
@@ -232,12 +232,12 @@ def pushed(own, organs):
         force = plus(force, scaled(1.0 if sides[i] == 0 else -1.0, vector(each.resultant)))
         if each.torques.shape[0] == 2:
             moment = plus(moment, vector(floats(each.torques)[sides[i]]))
-    return force, moment_on(vector(own.motion.turn), moment)
+    return force, moment
 
 
 @kernel
 def pressed(own, contact, friction, pose, body, alone, dt):
-    """Force [N] (3) of all fingers on an organ, and moment on its rotation vector [N m] (3); stiffness of their
+    """Force [N] (3) of all fingers on an organ, and moment [N m] (3) about its centre, in the world; stiffness of their
     contacts in all [N/m] and against rotation [N m/rad], of the fingertips if the organ is not `alone`: others that
     touch it may make it as stiff. Fingers do not rotate."""
     force = moment = REST
@@ -266,17 +266,19 @@ def pressed(own, contact, friction, pose, body, alone, dt):
         stiff = contact_stiffness(f, each.compression, each.indentation, tips[i], sticks[i], law, dt)
         stiffness += stiff
         turning += stiff * (arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2])
-    return turned(r, force), moment_on(r, turned(r, moment)), stiffness, turning
+    return turned(r, force), turned(r, moment), stiffness, turning
 
 
 @kernel
 def settle(own, force, moment, stiffness, turning, out, dt):
-    """Move an organ by a step under a force and a moment; `stiffness` and `turning` of the fingers' contacts."""
+    """Move an organ by a step under a force and a moment in the world; `stiffness` and `turning` of the fingers'
+    contacts."""
     before = own.added[0], own.added[1]
     own.added[0], own.added[1] = added_inertia(before[0], stiffness, dt), added_inertia(before[1], turning, dt)
     own.heaviest = max(own.heaviest, own.added[0])
     motion = own.motion
-    move(own.constants, vector(own.axis), motion, force, moment, before, (own.added[0], own.added[1]), dt)
+    about = moment_on(vector(motion.turn), moment)
+    move(own.constants, vector(own.axis), motion, force, about, before, (own.added[0], own.added[1]), dt)
     put(out.displacement, vector(motion.at))
     put(out.velocity, vector(motion.speed))
     put(floats(own.turned), vector(motion.turn))
@@ -288,10 +290,11 @@ def settle(own, force, moment, stiffness, turning, out, dt):
 
 @kernel
 def foresee(own, force, moment, push, out, dt):
-    """Fill what other organs that touch it need: its motion in the next step, and its mobility. `push` [N] (3): their
-    force."""
+    """Fill what other organs that touch it need: its motion in the next step, if force and moment stay in the world,
+    and its mobility. `push` [N] (3): their force."""
+    about = moment_on(vector(own.motion.turn), moment)
     look_ahead(
-        own.constants, vector(own.axis), own.motion, own.ahead, force, moment, (own.added[0], own.added[1]),
+        own.constants, vector(own.axis), own.motion, own.ahead, force, about, (own.added[0], own.added[1]),
         dot(push, vector(own.axis)) < 0.0, dt, floats(own.expected)[0], floats(own.mobility),
     )  # fmt: skip
     lend(out.expected, own.expected)

@@ -282,11 +282,13 @@ class Between(CompiledNode):
         "floats": bool, "room": (), "losses": (),  # whether forces move an organ; [J] lost in the last step, and in all
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
         # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;
-        # gaps [m] that the last step expected; vertices [m]; forces of the candidates [N, N m]; friction [N] of the
-        # last step on the first, and the motion [m] that it counted; centre of the patch; last normal on the second.
+        # gaps [m] that the last step expected; vertices [m]; forces of the candidates [N, N m], and all that were sent
+        # in the last step: on the first, moments on both; its friction [N] on the first, and the motion [m] that it
+        # counted; centre of the patch; last normal on the second.
         "rides": bool, "ride": (2, RIDE), "by": (2, 6),
         "turns": TABLE, "levers": TABLE, "seen": ARRAY,
-        "first_points": TABLE, "second_points": TABLE, "wrench": (9,), "load": (6,), "torques": TABLE,
+        "first_points": TABLE, "second_points": TABLE, "wrench": (9,), "sent": (9,), "load": (6,),
+        "torques": TABLE,
         "held": (3,), "counted": (3,), "given": (3,), "point": (3,), "middle": (3,), "across_normal": ARRAY,
         "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance, and what it gave
     }  # fmt: skip
@@ -582,7 +584,7 @@ class Between(CompiledNode):
             self._note_growth(
                 "energy", lost,
                 f"Between: the contact generated up to {1e3 * lost:.2g} mJ, because an organ left its "
-                "foundation, or landed on it, within a step: a higher rate generates less",
+                "foundation, landed on it, or moved far over the other, within a step: a higher rate generates less",
             )  # fmt: skip
         (aside, nearer), (cell, reach) = self.known["strays"], self.known["allowed"]
         follows = self.known["track"]["cell"]["shape"][0] > 0

@@ -171,9 +171,10 @@ def end_ride(own, pair, rub):
     about, turned = (rigid.torque_at(one, along, vector(own.point)), rigid.torque_at(two, back, vector(own.point)))
     for x in range(3):
         torques[0, x], torques[1, x] = own.wrench[3 + x] + about[x], own.wrench[6 + x] + turned[x]
+        own.sent[x], own.sent[3 + x], own.sent[6 + x] = own.wrench[x] + along[x], torques[0, x], torques[1, x]
     _face(own, pair)
     _stray(own, _apart(own))
-    return own.wrench[0] + along[0], own.wrench[1] + along[1], own.wrench[2] + along[2]
+    return vector(own.sent[:3])
 
 
 @kernel

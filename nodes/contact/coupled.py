@@ -51,13 +51,13 @@ class Coupled(Between):
         "members": (MOST_CONTACTS, record(Between)),
         "organs": (ROOM, coupled.ORGAN), "sides": TABLE, "touched": TABLE, "picks": CUBE, "starts": ARRAY,
         "matrix": TABLE, "gap": ARRAY, "active": form(ActiveSet),
-        "wrench": (6,), "ways": (MOST_CONTACTS, 2, 3), "changes": (MOST_CONTACTS, 3), "bears": (MOST_CONTACTS,),
+        "wrench": (6,), "ways": (MOST_CONTACTS, 2, 3), "pulls": (MOST_CONTACTS, 3), "bears": (MOST_CONTACTS,),
         "loaded": (MOST_CONTACTS, 2), "renewed": int,
     }  # fmt: skip
     """The contacts, each with the state of a `Between`, and the organs that they share; for each contact its supports
     and bodies, and the loads of fingers on them; first candidate of each. Their problem: matrix [m/N], gaps [m]. Motion
-    [m] of each patch: late, and by all but its friction; change of its friction [N], and its normal force [N]; number
-    of loaded nodes."""
+    [m] of each patch: late, and by all but its friction; friction [N] on its first organ, and its normal force [N];
+    number of loaded nodes."""
     shared = tuple(f"members.{k}.{name}" for k in range(MOST_CONTACTS) for name in Between.shared)
 
     def start(self) -> None:

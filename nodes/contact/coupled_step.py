@@ -110,15 +110,29 @@ def expect(own, k, loads, supports):
 
 
 @kernel
-def push_all(own, share, fields):
-    """Add `share` times the motion of all organs by the normal forces of all contacts; fields 0: `free`, 1: `pushed`,
-    which is set to zero before."""
+def take_back(own):
+    """Remove from the motions `free`, which the foundations expect if all forces stay, those by the forces that the
+    contacts sent in the last step, with the directions and moments that they had there."""
+    sides, wrench = integers(own.sides), own.wrench
+    for k in range(len(sides)):
+        m = own.members[k]
+        for side in range(2):
+            if sides[k, side] < 0:
+                continue
+            for x in range(3):
+                wrench[x] = m.sent[x] if side == 0 else -m.sent[x]
+                wrench[3 + x] = m.sent[3 + 3 * side + x]
+            coupled.add_motion(m.ride[side], wrench, -1.0, own.organs[sides[k, side]].free)
+
+
+@kernel
+def push_all(own):
+    """Fill `pushed`, the motions of all organs by the normal forces of all contacts."""
     sides = integers(own.sides)
-    if fields == 1:
-        for k in range(len(sides)):
-            for side in range(2):
-                if sides[k, side] >= 0:
-                    coupled.clear_wrench(own.organs[sides[k, side]].pushed)
+    for k in range(len(sides)):
+        for side in range(2):
+            if sides[k, side] >= 0:
+                coupled.clear_wrench(own.organs[sides[k, side]].pushed)
     for k in range(len(sides)):
         m = own.members[k]
         pair, turns, levers = pair_of(m.pair), floats(m.turns), floats(m.levers)
@@ -130,7 +144,7 @@ def push_all(own, share, fields):
             for n in range(pair.active.tally[0].active):
                 i = pair.active.order[n]
                 coupled.add_push(wrench, pair.active.force[i], turns, levers, i, side)
-            coupled.add_motion(m.ride[side], wrench, share, organ.free if fields == 0 else organ.pushed)
+            coupled.add_motion(m.ride[side], wrench, 1.0, organ.pushed)
 
 
 @kernel
@@ -229,7 +243,7 @@ def solve_normal(own, most):
     coupled.take_forces(matrix, active.order, active.tally[0].active, active.force, gap)
     left = complement(matrix, gap, active, most)
     hand_out(own, active)
-    push_all(own, 1.0, 1)
+    push_all(own)
     return left
 
 
@@ -270,8 +284,8 @@ def rub(own, k, dt):
     """Solve for the friction of contact k. Returns its change over the normal force [1]."""
     m = own.members[k]
     pair, rubs = pair_of(m.pair), rub_of(m.rub)
-    # the motion without the change of this friction, whose answer is in its mobility
-    _rub_by(own, k, own.changes[k], -1.0)
+    # the motion without this friction, whose answer is in its mobility
+    _rub_by(own, k, own.pulls[k], -1.0)
     press_on(m, pair)
     motion_of(own, k, 0, m.by[0])
     motion_of(own, k, 1, m.by[1])
@@ -280,16 +294,11 @@ def rub(own, k, dt):
         own.ways[k, 1, x] = by[x]
         rubs.carried[x] = own.ways[k, 0, x] + m.counted[x] + by[x]
     rigid.mobile_at(m.ride[0], m.ride[1], vector(m.point), rubs.mobile)
-    x, y, z = vector(own.changes[k])
+    x, y, z = vector(own.pulls[k])
     own.bears[k] = solve_rubbing(pair, rubs, dt)
-    for i in range(3):
-        own.changes[k, i] = 0.0
-    if own.bears[k] > 0.0:
-        put(own.changes[k], pull_of(rubs, rubs.answer))
-    for i in range(3):
-        own.changes[k, i] -= m.held[i]
-    _rub_by(own, k, own.changes[k], 1.0)
-    a, b, c = own.changes[k, 0] - x, own.changes[k, 1] - y, own.changes[k, 2] - z
+    put(own.pulls[k], pull_of(rubs, rubs.answer) if own.bears[k] > 0.0 else (0.0, 0.0, 0.0))
+    _rub_by(own, k, own.pulls[k], 1.0)
+    a, b, c = own.pulls[k, 0] - x, own.pulls[k, 1] - y, own.pulls[k, 2] - z
     return np.sqrt(a * a + b * b + c * c) / max(own.bears[k], contact.LEAST_FORCE)
 
 
@@ -305,7 +314,7 @@ def begin(own, loads, supports, dt):
             own.renewed += 1
         expect(own, k, loads, supports)
         put(own.ways[k, 0], vector(rubs.carried))
-        put(own.changes[k], (0.0, 0.0, 0.0))
+        put(own.pulls[k], vector(m.held))
         own.bears[k] = 0.0
         if len(rubs.touched) > 0:
             open_by_friction(rubs, floats(m.others))
@@ -318,8 +327,11 @@ def begin(own, loads, supports, dt):
                 changed = changed or rigid.has_changed(ride)
                 for x in range(6):
                     organ.free[x], organ.pushed[x], organ.rubbed[x] = ride.ahead[x], 0.0, 0.0
-    push_all(own, -1.0, 0)
-    push_all(own, 1.0, 1)
+    take_back(own)
+    push_all(own)
+    for k in range(len(sides)):
+        if own.members[k].rub.touched.shape[0] > 0:
+            _rub_by(own, k, own.pulls[k], 1.0)
     if changed or own.renewed > RENEWED:
         own.renewed = 0
         build(own)

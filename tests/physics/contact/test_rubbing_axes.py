@@ -82,7 +82,7 @@ def test_any_turn_keeps_the_energy_of_the_bristles():
 
 def test_a_turn_by_180_degrees_within_a_step_leaves_the_bristles_no_direction():
     """About the normal the bristles of both bodies cancel, about another axis the normals; rounding is no direction.
-    A thousandth of a degree less, and they keep their size, at 90 degrees to where they were."""
+    At 179.999 degrees they keep their size, at 90 degrees to where they were."""
     z = np.array([3e-5, 0.0, 0.0])
     for axis, normals in ((UP, [UP, UP]), (np.array([1.0, 0.0, 0.0]), [UP, UP]), (UP, [UP, -UP])):
         turns = np.stack([spun(np.outer([0.0, np.pi], axis)), np.tile(np.eye(3), (2, 1, 1))], axis=1)

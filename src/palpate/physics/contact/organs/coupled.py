@@ -2,11 +2,12 @@
 
 Organ b moves in a step by
 
-    x_b = e_b + A_b (dL_b + sum_k J_kb' (p_k - p_k') + dR_b)
+    x_b = e_b + A_b (dL_b + sum_k (J_kb' p_k + R_kb - Q_kb))
 
 e_b is the motion that its foundation expects if all forces stay, A_b its mobility, dL_b the change of the load of the
-fingers, J_kb the derivatives of the gaps of contact k (`rigid_motion`), p_k its forces, p_k' those of the last step,
-and dR_b the change of the friction of all contacts. The gaps at the end of the step are
+fingers, J_kb the derivatives of the gaps of contact k (`rigid_motion`), p_k its forces, R_kb its friction, and Q_kb the
+force and moment that it sent in the last step, J' p + R of then: J turns with the organs, so that forces p that stay
+change their directions. The gaps at the end of the step are
 
     w_k = g_k + u_k1 + u_k2 + J_k1 x_1 + J_k2 x_2 = ... + W_k p_k + sum_l J_k A J_l' p_l
 

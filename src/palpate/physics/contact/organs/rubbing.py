@@ -25,8 +25,7 @@ patch F and v also have a part along the mean normal, by motions towards it alon
 l F is the plastic slip: along the force, as A. Coulomb's law wants it, also where the bodies yield by different amounts
 along and across the motion. l is found by Newton's method for 1/|F| (J. J. More, D. C. Sorensen, SIAM J. Sci. Stat.
 Comput. 4 (1983) 553-572). A film of the viscosity c N [N s/m] in parallel replaces e and C by A e and A C,
-A = (I + C c N/T)^-1, and adds c N v. Bodies on foundations answer to the change of -P F by the mobility M: C is
-C + P M P, and e has P M times the force on the first body of the last step.
+A = (I + C c N/T)^-1, and adds c N v. Bodies on foundations answer to -P F by the mobility M: C is C + P M P.
 
 Passive: the plastic slip v T - (z+ - z) = l F dissipates l |F|² >= 0, and F.(z+ - z) is at least the increase of the
 energy |F|²/(2 k) of the bristles, which turn without a change of |z|. The work of the friction on the surfaces is
@@ -76,8 +75,8 @@ class Rubbing(NamedTuple):
     bristles [m] (2,3)         z, `rubbing_axes.keep_turned`;  bristle (3)  the same for the patch in this step
     facing  [1] (2,3)          mean normal of the patch, likewise;  normal (3)
     total [N] (3) F;  pull [N] (3)  -P F, friction on the first body;  speed [m/s] (3) v
-    mobile  [m/N] (3,3)        M, mobility of both organs on their foundations, with `carried` that for the friction of
-                               the last step; (0,0): they do not move by their contact
+    mobile  [m/N] (3,3)        M, mobility of both organs on their foundations, with `carried` that without friction;
+                               (0,0): they do not move by their contact
     answer  [N] (3)            F of `solve_rubbing`;  plane [1] (3,3) P
     block (3,3), matrix, given  workspaces
     """
@@ -127,14 +126,10 @@ def rubbing(
 
 
 @kernel
-def _follow_mobility(rub: Rubbing, free: Array):
-    """Add the answer of the foundations to the friction to e and C."""
-    if len(rub.mobile) == 0:
-        return
-    add_turned(rub.plane, rub.mobile, 1.0, rub.matrix[0])
-    by = times(rub.plane, times(rub.mobile, rub.pull))
-    for x in range(3):
-        free[x] -= by[x]
+def _follow_mobility(rub: Rubbing):
+    """Add the answer of the foundations to the friction to C."""
+    if len(rub.mobile) > 0:
+        add_turned(rub.plane, rub.mobile, 1.0, rub.matrix[0])
 
 
 @ieee_kernel
@@ -215,7 +210,7 @@ def solve_rubbing(pair: Pair, rub: Rubbing, dt: float):
     gather(pair, rub, normal, free)
     turn_bristles(rub.axes, rub.bristles, rub.facing, rub.normal, rub.bristle)
     yields(pair, rub, normal, dt, rub.matrix[0])
-    _follow_mobility(rub, free)
+    _follow_mobility(rub)
     if film > 0.0:
         _through_film(rub, free, film)
     _solve_force(rub, free, 1.0 / law.stiffness, law.mu * normal)
