@@ -19,6 +19,7 @@ from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix, Record, Tensor, Vector3
 
 CONDENSED, SPRINGS, PLATE = 1, 2, 3
+Pair3 = tuple[Vector3, Vector3]
 NO_NUMBERS, NO_TABLE = np.zeros(0), np.zeros((0, 0), np.float32)
 
 
@@ -227,11 +228,13 @@ def _renew_condensed(
 ):  # fmt: skip
     count, size, rubs = len(matrix), len(law.hats), tangents.shape[1] > 0
     normal, n = side.normal, vector3(side.normal, i)
+    along, across = tangents[0], tangents[1]  # once: a view of an array costs as much as ten products
+    here = (vector3(along, i), vector3(across, i)) if rubs else (n, n)
     listed = _gather(law, side, i)
     # displacement of the body by unit forces on the candidate
     _field(law, listed, n, law.fields[0])
     if rubs:
-        _fields_along(law, listed, vector3(tangents[0], i), vector3(tangents[1], i), law.fields[1], law.fields[2])
+        _fields_along(law, listed, here[0], here[1], law.fields[1], law.fields[2])
     local = law.local > 0.0 and len(law.table) > 0
     if local:
         law.near[:] = 0.0
@@ -251,7 +254,7 @@ def _renew_condensed(
         matrix[i, j] = matrix[j, i] = law.scale * _seen(side, j, law.fields[0], m) + facing * more
         if rubs:
             _see_fields(law, side, j)
-            _renew_drags(law, m, i, j, sign, tangents, more, drags)
+            _renew_drags(law, m, i, j, sign, here, (vector3(along, j), vector3(across, j)), more, drags)
     # by forces at the terminals
     for k in range(3 * size):
         side.response[k, i] = sign * law.scale * law.fields[0, k]
@@ -261,16 +264,19 @@ def _renew_condensed(
 
 
 @kernel
-def _renew_drags(law: Law, m: Vector3, i: int, j: int, sign: float, tangents: Tensor, more: float, drags: Matrix):
+def _renew_drags(
+    law: Law, m: Vector3, i: int, j: int, sign: float, here: Pair3, there: Pair3, more: float, drags: Matrix
+):
     """Displacement along the tangents at j by forces at i, and at i by forces at j, after `_see_fields`; m [1] (3) is
-    n_j."""
-    count, seen = tangents.shape[1], law.seen
+    n_j, here and there [1] (2,3) are the tangents at i and j."""
+    count, pressed = drags.shape[1] // 2, vector3(law.seen, 0)
+    pulled = vector3(law.seen, 1), vector3(law.seen, 2)
     for a in range(2):
-        t = vector3(tangents[a], j)
-        drags[i, a * count + j] = sign * law.scale * dot(seen[0], t)
-        drags[j, a * count + i] = sign * law.scale * dot(seen[a + 1], m)
+        t = there[a]
+        drags[i, a * count + j] = sign * law.scale * dot(pressed, t)
+        drags[j, a * count + i] = sign * law.scale * dot(pulled[a], m)
         for b in range(2):
-            value = law.scale * dot(seen[b + 1], t) + law.aside * dot(vector3(tangents[b], i), t) * more
+            value = law.scale * dot(pulled[b], t) + law.aside * dot(here[b], t) * more
             drags[(b + 1) * count + i, a * count + j] = drags[(a + 1) * count + j, b * count + i] = value
 
 

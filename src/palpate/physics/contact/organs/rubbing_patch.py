@@ -63,29 +63,34 @@ def gather(pair: Pair, rub: Record, total: float, free: Array):
 
 @kernel
 def yields(pair: Pair, rub: Record, total: float, dt: float, out: Matrix):
-    """Fill `out` with C [m/N] (3,3)."""
+    """Fill `out` with C [m/N] (3,3), from each two candidates once: D is symmetric (E. Betti)."""
     size, active, block = len(rub.touched), pair.active, rub.block
-    count = active.tally[0].active
     out[:] = 0.0
     for body in range(2):
-        drags, tangents = rub.first if body == 0 else rub.second, rub.tangents[body]
+        drags, along, across = rub.first if body == 0 else rub.second, rub.tangents[body, 0], rub.tangents[body, 1]
         block[:] = 0.0
-        for k in range(count):
+        for k in range(active.tally[0].active):
             j = active.order[k]
-            for b in range(2):
-                row = drags[(b + 1) * size + j]
-                u = v = w = 0.0  # motion of the patch by a unit force at j
-                for q in range(count):
-                    i = active.order[q]
-                    x, y = active.force[i] * row[i], active.force[i] * row[size + i]
-                    u += x * tangents[0, i, 0] + y * tangents[1, i, 0]
-                    v += x * tangents[0, i, 1] + y * tangents[1, i, 1]
-                    w += x * tangents[0, i, 2] + y * tangents[1, i, 2]
-                for x in range(3):
-                    along = active.force[j] * tangents[b, j, x]
-                    block[0, x] += u * along
-                    block[1, x] += v * along
-                    block[2, x] += w * along
+            one, two = drags[size + j], drags[2 * size + j]
+            # motions of the patch by unit forces along t_1 and t_2 at j: of candidates before j, and of j by half
+            u = v = w = a = b = c = 0.0
+            for q in range(k + 1):
+                i = active.order[q]
+                t, s, force = vector3(along, i), vector3(across, i), active.force[i]
+                weight = force if q < k else 0.5 * force
+                x, y = weight * one[i], weight * one[size + i]
+                u, v, w = u + (x * t[0] + y * s[0]), v + (x * t[1] + y * s[1]), w + (x * t[2] + y * s[2])
+                x, y = weight * two[i], weight * two[size + i]
+                a, b, c = a + (x * t[0] + y * s[0]), b + (x * t[1] + y * s[1]), c + (x * t[2] + y * s[2])
+            t, s, force = vector3(along, j), vector3(across, j), active.force[j]
+            for x in range(3):
+                block[0, x] += force * (u * t[x] + a * s[x])
+                block[1, x] += force * (v * t[x] + b * s[x])
+                block[2, x] += force * (w * t[x] + c * s[x])
+        for x in range(3):
+            block[x, x] *= 2.0
+            for y in range(x):
+                block[x, y] = block[y, x] = block[x, y] + block[y, x]
         add_turned(rub.axes[body], block, take(pair, body, dt) / (total * total), out)
 
 
