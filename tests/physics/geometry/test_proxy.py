@@ -296,6 +296,22 @@ def test_a_foot_that_trails_a_leap_catches_up_slowly():
     assert moved.max() > 2.9e-4 and behind[-1] < 2e-3
 
 
+@pytest.mark.parametrize("dt", [1e-3, 1.25e-4])
+def test_a_foot_whose_target_leaps_back_stops_before_it_returns(dt):
+    """A finger at 20 mm/s, 5 mm deep in a box, is nearer to a side of it and soon nearer to the top again. Its foot
+    turned round at 70 mm/s on the way between them, and the force of viscous beams fell by 0.7 N in a tick. Its speed
+    now changes as where it starts, by `FASTEST` within `LANDING` or `ARRIVES`, apart from the speed of its target."""
+    slow, low = 0.02, -5e-3
+    path = line((0.01, 1e-3, 2e-3), (0.01, 1e-3, low), (0.0152, 1e-3, low), (0.0147, 1e-3, low), step=slow * dt)
+    foot = mesh_run(box(0.04, 0.012), path, 4e-3, dt)[:, :3]
+    speed = np.diff(foot, axis=0)[int(path[:, 0].argmax()) - 1 :] / dt
+    first = int(speed[:, 2].argmin())
+    back = first + int((speed[first:, 2] > 0.3 * FASTEST).argmax())
+    assert speed[first, 2] < -0.3 * FASTEST and speed[back, 2] > 0.3 * FASTEST
+    change = np.linalg.norm(np.diff(speed[first : back + 1], axis=0), axis=1)
+    assert change.max() < 1.2 * FASTEST * dt / 5e-3 + slow
+
+
 def test_the_normal_turns_no_faster_at_a_depth_than_a_patch_may_slide():
     """Under the floor of a groove: over its inner edges the normal turned 1.9 times as fast, with the foot at rest."""
     full = np.array([[[True, True]], [[True, False]], [[True, True]]])

@@ -27,7 +27,8 @@ distance to the target, along the chord. A foot that trails its target follows i
 `FASTEST`: twice the speed of a fast tool is that of a patch at 83 % of the radius of a ball, but in a groove nothing
 moves that fast. It covers at most the larger share of (its largest motion)/`LANDING` and dt/`ARRIVES` of the distance,
 so that it does not stop abruptly, and a foot that starts to trail reaches these speeds within `LANDING` or `ARRIVES`,
-because the tissue resists a patch at once. The gap is that of the target, but within
+because the tissue resists a patch at once; if its target leaps back behind it, it first stops in that time, on its way.
+The gap is that of the target, but within
 
     g + n.dp - REGAIN |dp|  <=  gap  <=  g + |dp|,
 
@@ -75,6 +76,7 @@ REGAIN, BENT = 0.2, 0.5
 """[1] Limit of the growth of the approach without work of the tool, over the tool's motion: while the foot trails its
 target, and else, where interpolated normals of a mesh differ from the direction of the nearest point by up to 45°."""
 BORDER_EXCESS = 1e-6  # [1] Relative excess of the distance over the gap from which the tool is past a border
+STOPPED = 1e-9  # [1] Pace of a foot that trails and starts again
 ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
 STILL = 1e-9  # [m] Motion of a tool below which it counts as this; rounding of the nearest point
 FAR_BEYOND = 20e-3  # [m] Distance from the body at which the side of entry is forgotten
@@ -84,7 +86,7 @@ OUT, IN, LEAVES = range(3)
 MEMORY = {
     "started": bool, "side": int, "gap": (), "tool": (3,), "foot": (3,), "normal": (3,), "place": (2,),
     "triangle": int, "shown": int, "border": bool, "thickness": (),
-    "behind": (), "passed": bool, "off": (), "pace": (),
+    "behind": (), "passed": bool, "off": (), "pace": (), "step": (3,), "swing": (3,),
 }  # fmt: skip
 """
 started    whether a last step exists
@@ -98,6 +100,7 @@ passed     whether the nearest point is on another side
 off        gap of the target minus gap [m]
 pace       share of its greatest speed that a foot has reached since its target leapt, or -1: it trails for another
            reason
+step, swing  motion of a foot that trails [m], and change of its normal [1]; 0: it does not trail
 """
 
 
@@ -193,13 +196,50 @@ def _stay(memory: Record, gap: float, foot: Record):
 
 
 @kernel
+def _move(share: float, memory: Record, step: Array, swing: Array, foot: Record):
+    """The last foot and its normal, changed by a share of `step` [m] (3) and `swing` [1] (3), into `foot`."""
+    size = 0.0
+    for k in range(3):
+        foot.point[k] = memory.foot[k] + share * step[k]
+        foot.normal[k] = memory.normal[k] + share * swing[k]
+        size += foot.normal[k] ** 2
+    size = np.sqrt(size)
+    for k in range(3):
+        foot.normal[k] /= size
+
+
+@kernel
+def _keep_step(trails: bool, memory: Record, foot: Record):
+    """Keep the motion of a foot in this step, if it trails its target."""
+    for k in range(3):
+        memory.step[k] = foot.point[k] - memory.foot[k] if trails else 0.0
+        memory.swing[k] = foot.normal[k] - memory.normal[k] if trails else 0.0
+
+
+@kernel
+def _goes_on(slower: float, most: float, turn: float, memory: Record, foot: Record):
+    """The share of its last step that a foot goes on before it turns round to the target `foot` behind it; -1: that is
+    not behind. The step is shorter by `slower` [m] and at most `most` [m], and the normal turns by at most `turn`."""
+    along = square = swung = 0.0
+    for k in range(3):
+        along += (foot.point[k] - memory.foot[k]) * memory.step[k]
+        square += memory.step[k] ** 2
+        swung += memory.swing[k] ** 2
+    if not along < 0.0:
+        return -1.0
+    length, swung = np.sqrt(square), np.sqrt(swung)
+    share = min(max(length - slower, 0.0), most) / length
+    return min(share, turn / swung) if swung > 0.0 else share
+
+
+@kernel
 def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, memory: Record):
     """Move the last foot towards the target `foot`, as far as the motion of the tool allows, into `foot`.
 
     moved [m] of the tool;  held [m] the gap if the foot does not move;  dt [s]
     """
     deep, behind, off, target, least = memory.thickness - memory.gap, memory.behind, memory.off, foot.distance, -np.inf
-    start, memory.behind, pace, memory.pace = target, 0.0, memory.pace, 0.0
+    start, memory.behind, pace, memory.pace, trails = target, 0.0, memory.pace, 0.0, False
     if off != 0.0:  # the motion of the target
         start = memory.gap + min(max(target - (memory.gap + off), -moved), moved)
     if deep > 0.0:
@@ -212,6 +252,7 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, me
         aside = np.sqrt(max(moved * moved - min((held - memory.gap) ** 2, along * along), 0.0))
         easy = max(EASY * aside, FASTEST * dt)
         most, motion = min(AHEAD * moved, easy) + STILL, max(move - behind, 0.0)
+        longest = most
         ramp = max(moved / LANDING, dt / ARRIVES)
         if motion > AHEAD * moved + STILL:  # the target leaps: the foot starts again to this part of the distance
             pace = min(abs(pace) * behind / move + ramp, 1.0)
@@ -230,15 +271,20 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, me
             share = min(share, (motion + behind * part) / max(move, STILL))
         least = held - (REGAIN if share < 1.0 else BENT) * moved
         if (1.0 - share) * move > ROUNDING:
-            memory.behind, memory.pace = (1.0 - share) * move, pace
-            start, size = held if pace > 0.0 else start, 0.0
-            for k in range(3):
-                foot.point[k] = memory.foot[k] + share * (foot.point[k] - memory.foot[k])
-                foot.normal[k] = memory.normal[k] + share * (foot.normal[k] - memory.normal[k])
-                size += foot.normal[k] ** 2
-            size = np.sqrt(size)
-            for k in range(3):
-                foot.normal[k] /= size
+            trails, memory.behind, memory.pace = True, (1.0 - share) * move, pace
+            start = held if pace > 0.0 else start
+            x, y, z = vector(foot.point)
+            on = _goes_on(ramp * FASTEST * dt, longest, most_turned, memory, foot) if pace > 0.0 else -1.0
+            if on >= 0.0:
+                _move(on, memory, memory.step, memory.swing, foot)
+                a, b, c = x - foot.point[0], y - foot.point[1], z - foot.point[2]
+                memory.behind, memory.pace = np.sqrt(a * a + b * b + c * c), STOPPED
+            else:
+                for k in range(3):
+                    memory.step[k] = foot.point[k] - memory.foot[k]
+                    memory.swing[k] = foot.normal[k] - memory.normal[k]
+                _move(share, memory, memory.step, memory.swing, foot)
+    _keep_step(trails, memory, foot)
     # the gap: from `start`, a part of the difference to the target
     gap = start + min(max(moved / LANDING, dt / ARRIVES), 1.0) * (target - start) if start != target else target
     gap = max(min(max(gap, memory.gap - moved), memory.gap + moved), least)
@@ -265,8 +311,10 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
         else:
             memory.off = 0.0
             _stay(memory, held, foot)
+            _keep_step(False, memory, foot)
     else:
         memory.off = 0.0
+        _keep_step(False, memory, foot)
     memory.started, memory.gap = True, foot.distance
     for k in range(3):
         memory.tool[k], memory.foot[k], memory.normal[k] = p[k], foot.point[k], foot.normal[k]
