@@ -30,6 +30,7 @@ TABLES: dict[str, dict[str, str]] = {
     "nodes/base/contacts.py": {"law": LAW},
     "nodes/contact/carried.py": {
         "levers": MOTION,
+        "own.sent": MOTION,
         "own.wrench": MOTION,
         "push": MOTION,
     },

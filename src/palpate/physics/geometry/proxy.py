@@ -86,7 +86,7 @@ OUT, IN, LEAVES = range(3)
 MEMORY = {
     "started": bool, "side": int, "gap": (), "tool": (3,), "foot": (3,), "normal": (3,), "place": (2,),
     "triangle": int, "shown": int, "border": bool, "thickness": (),
-    "behind": (), "passed": bool, "off": (), "pace": (), "step": (3,), "swing": (3,),
+    "behind": (), "passed": bool, "off": (), "pace": (), "step": (3,), "turned": (3,),
 }  # fmt: skip
 """
 started    whether a last step exists
@@ -100,7 +100,7 @@ passed     whether the nearest point is on another side
 off        gap of the target minus gap [m]
 pace       share of its greatest speed that a foot has reached since its target leapt, or -1: it trails for another
            reason
-step, swing  motion of a foot that trails [m], and change of its normal [1]; 0: it does not trail
+step, turned  motion of a foot that trails [m], and change of its normal [1]; 0: it does not trail
 """
 
 
@@ -196,12 +196,12 @@ def _stay(memory: Record, gap: float, foot: Record):
 
 
 @kernel
-def _move(share: float, memory: Record, step: Array, swing: Array, foot: Record):
-    """The last foot and its normal, changed by a share of `step` [m] (3) and `swing` [1] (3), into `foot`."""
+def _move(share: float, memory: Record, foot: Record):
+    """The last foot and its normal, changed by a share of `step` and `turned`, into `foot`."""
     size = 0.0
     for k in range(3):
-        foot.point[k] = memory.foot[k] + share * step[k]
-        foot.normal[k] = memory.normal[k] + share * swing[k]
+        foot.point[k] = memory.foot[k] + share * memory.step[k]
+        foot.normal[k] = memory.normal[k] + share * memory.turned[k]
         size += foot.normal[k] ** 2
     size = np.sqrt(size)
     for k in range(3):
@@ -209,27 +209,50 @@ def _move(share: float, memory: Record, step: Array, swing: Array, foot: Record)
 
 
 @kernel
-def _keep_step(trails: bool, memory: Record, foot: Record):
-    """Keep the motion of a foot in this step, if it trails its target."""
+def _keep_step(memory: Record, foot: Record):
+    """Keep the way from the last foot to `foot` as a step."""
     for k in range(3):
-        memory.step[k] = foot.point[k] - memory.foot[k] if trails else 0.0
-        memory.swing[k] = foot.normal[k] - memory.normal[k] if trails else 0.0
+        memory.step[k] = foot.point[k] - memory.foot[k]
+        memory.turned[k] = foot.normal[k] - memory.normal[k]
 
 
 @kernel
-def _goes_on(slower: float, most: float, turn: float, memory: Record, foot: Record):
-    """The share of its last step that a foot goes on before it turns round to the target `foot` behind it; -1: that is
+def _rest(memory: Record):
+    """Forget the last step of a foot that does not trail."""
+    for k in range(3):
+        memory.step[k] = memory.turned[k] = 0.0
+
+
+@kernel
+def _share_on(slower: float, most: float, turn: float, memory: Record, foot: Record):
+    """The share of its last step that a foot moves on before it turns round to the target `foot` behind it; -1: that is
     not behind. The step is shorter by `slower` [m] and at most `most` [m], and the normal turns by at most `turn`."""
-    along = square = swung = 0.0
+    along = square = turned = 0.0
     for k in range(3):
         along += (foot.point[k] - memory.foot[k]) * memory.step[k]
         square += memory.step[k] ** 2
-        swung += memory.swing[k] ** 2
+        turned += memory.turned[k] ** 2
     if not along < 0.0:
         return -1.0
-    length, swung = np.sqrt(square), np.sqrt(swung)
+    length, turned = np.sqrt(square), np.sqrt(turned)
     share = min(max(length - slower, 0.0), most) / length
-    return min(share, turn / swung) if swung > 0.0 else share
+    return min(share, turn / turned) if turned > 0.0 else share
+
+
+@kernel
+def _trail(share: float, slower: float, most: float, turn: float, memory: Record, foot: Record):
+    """Move the last foot by a share of the way to its target `foot`, into `foot`; but if the target has leapt back
+    behind it, on along its way, see `_share_on`."""
+    x, y, z = vector(foot.point)
+    on = _share_on(slower, most, turn, memory, foot) if memory.pace > 0.0 else -1.0
+    if on < 0.0:
+        _keep_step(memory, foot)
+    else:
+        memory.pace = STOPPED
+    _move(share if on < 0.0 else on, memory, foot)
+    _keep_step(memory, foot)
+    a, b, c = x - foot.point[0], y - foot.point[1], z - foot.point[2]
+    memory.behind = np.sqrt(a * a + b * b + c * c)
 
 
 @kernel
@@ -251,8 +274,8 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, me
         turn, move = np.sqrt(turn), np.sqrt(move)
         aside = np.sqrt(max(moved * moved - min((held - memory.gap) ** 2, along * along), 0.0))
         easy = max(EASY * aside, FASTEST * dt)
-        most, motion = min(AHEAD * moved, easy) + STILL, max(move - behind, 0.0)
-        longest = most
+        longest, motion = min(AHEAD * moved, easy) + STILL, max(move - behind, 0.0)
+        most = longest
         ramp = max(moved / LANDING, dt / ARRIVES)
         if motion > AHEAD * moved + STILL:  # the target leaps: the foot starts again to this part of the distance
             pace = min(abs(pace) * behind / move + ramp, 1.0)
@@ -271,20 +294,10 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, me
             share = min(share, (motion + behind * part) / max(move, STILL))
         least = held - (REGAIN if share < 1.0 else BENT) * moved
         if (1.0 - share) * move > ROUNDING:
-            trails, memory.behind, memory.pace = True, (1.0 - share) * move, pace
-            start = held if pace > 0.0 else start
-            x, y, z = vector(foot.point)
-            on = _goes_on(ramp * FASTEST * dt, longest, most_turned, memory, foot) if pace > 0.0 else -1.0
-            if on >= 0.0:
-                _move(on, memory, memory.step, memory.swing, foot)
-                a, b, c = x - foot.point[0], y - foot.point[1], z - foot.point[2]
-                memory.behind, memory.pace = np.sqrt(a * a + b * b + c * c), STOPPED
-            else:
-                for k in range(3):
-                    memory.step[k] = foot.point[k] - memory.foot[k]
-                    memory.swing[k] = foot.normal[k] - memory.normal[k]
-                _move(share, memory, memory.step, memory.swing, foot)
-    _keep_step(trails, memory, foot)
+            start, memory.pace, trails = held if pace > 0.0 else start, pace, True
+            _trail(share, ramp * FASTEST * dt, longest, most_turned, memory, foot)
+    if not trails:
+        _rest(memory)
     # the gap: from `start`, a part of the difference to the target
     gap = start + min(max(moved / LANDING, dt / ARRIVES), 1.0) * (target - start) if start != target else target
     gap = max(min(max(gap, memory.gap - moved), memory.gap + moved), least)
@@ -311,10 +324,10 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
         else:
             memory.off = 0.0
             _stay(memory, held, foot)
-            _keep_step(False, memory, foot)
+            _rest(memory)
     else:
         memory.off = 0.0
-        _keep_step(False, memory, foot)
+        _rest(memory)
     memory.started, memory.gap = True, foot.distance
     for k in range(3):
         memory.tool[k], memory.foot[k], memory.normal[k] = p[k], foot.point[k], foot.normal[k]
