@@ -29,7 +29,7 @@ from palpate.models.fe import Pair, Solver, quadratic
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import TetMesh, bricks, grid
 from palpate.models.fe.solve.body import ElasticBody
-from palpate.nodes.base.felt import touchable_share
+from palpate.nodes.base.felt import bearing
 from palpate.nodes.spread import Kernel
 from palpate.physics.contact.spread import spread, spreader
 from palpate.physics.materials.neo_hooke import neo_hooke
@@ -110,11 +110,11 @@ def same_load(surface: str, half: float, size: float, folder: Path) -> tuple[flo
     foot, normal = (tuple(traces[f"contact.{name}"][0, last]) for name in ("foot", "normal"))
     node = Kernel(**traces.nodes["spread"])
     node.start()
-    mesh, share = node.mesh(), touchable_share(node, node.width)
-    patch = spreader(mesh, node.radius, node.kernel, share)
+    mesh, part = node.mesh(), bearing(node, node.width)
+    patch = spreader(mesh, node.radius, node.kernel, part)
     count = spread(patch, foot, normal, (0.0, 0.0, -1.0))
     nodes = patch.nodes[:count]
-    pressure = patch.weights[:count] / (mesh.areas[nodes] * (1.0 if share is None else share[nodes]))
+    pressure = patch.weights[:count] / (mesh.areas if part is None else part.areas)[nodes]
     at = mesh.vertices[nodes, :2] - (foot[0], 0.0)
     block = quarter(half, size)
     p = block.points

@@ -10,7 +10,7 @@ from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, fade_value
 from palpate.nodes.base.area import WithArea
-from palpate.nodes.base.felt import WithWidth, touchable_share
+from palpate.nodes.base.felt import WithWidth, bearing
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.kernels import kernel as compiled
 from palpate.nodes.base.samples import sample_of
@@ -73,8 +73,8 @@ class Kernel(CompiledNode, WithArea, WithWidth):
                 f"setting 'area': its law reaches a radius of {1e3 * law.radii[-1]:.2g} mm, expected one between "
                 f"{1e3 * spacing:.2g} mm, the spacing of the vertices, and {1e3 * extent:.2g} mm, half of the surface"
             )
-        share = touchable_share(self, self.width)
-        self.hold("spreader", spreader(mesh, self.radius, "hertz" if grows else self.kernel, share))
+        kernel = "hertz" if grows else self.kernel
+        self.hold("spreader", spreader(mesh, self.radius, kernel, bearing(self, self.width)))
         if not grows and self.spacing > COARSEST * self.radius and mesh is not self.whole():
             self._notes.append(
                 f"Kernel: the surface is thinned to {1e3 * self.spacing:.2g} mm, which is coarse for a patch of "

@@ -10,6 +10,7 @@ from palpate.compiler.records import floats, form, integers, lend_first, longs, 
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import ARRAY, TABLE, Calibrated, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, spread_laws, unknown_vertex
+from palpate.nodes.base.felt import WithWidth, bearing
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
@@ -26,7 +27,7 @@ OF_TISSUE = Calibrated("a human fingertip", "palpate fit body")
 _bed_of = unpacking(beams.BeamFoundation)
 
 
-class BeamBundle(MeshBody):
+class BeamBundle(MeshBody, WithWidth):
     """Beams of viscoelastic layers below each vertex of a surface (docs/equations/beam-bundle.md).
 
     Layers are listed from the surface inwards. The terminal law is that of the next implicit step. The pressure is the
@@ -76,11 +77,11 @@ class BeamBundle(MeshBody):
                 f"beams would end beyond the other side. Set thinner tissue.layers"
             )
         super().start()
-        self.hold("facing", np.ascontiguousarray(mesh.normals))
-        self.hold("areas", np.ascontiguousarray(mesh.areas))
+        self._hold_bed(self.foundation())
+        self.hold("facing", self._bed.beams.normals)
+        self.hold("areas", self._sections())
         self.hold("push", np.zeros(len(mesh.areas)))
         self.hold("pressures", np.zeros(len(mesh.areas)))
-        self._hold_bed(self.foundation())
 
     def resize(self, counts: list[int]) -> None:
         count = counts[0]
@@ -107,7 +108,13 @@ class BeamBundle(MeshBody):
             ViscoelasticMaterial(thicker * modulus, slower * relaxation, self.poisson)
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
         )
-        return beams.beam_foundation(self.mesh(), self.hardness(), layers, materials, self.radius, contacts)
+        part = bearing(self, self.width)
+        return beams.beam_foundation(self.mesh(), self.hardness(), layers, materials, self.radius, contacts, part)
+
+    def _sections(self) -> np.ndarray:
+        """The area [m²] (V) of the surface that each beam bears."""
+        mesh, part = self.mesh(), bearing(self, self.width)
+        return np.ascontiguousarray(mesh.areas if part is None else part.sections(mesh))
 
     def between(
         self,
@@ -123,7 +130,7 @@ class BeamBundle(MeshBody):
         beam = self.foundation().beams
         softness = beam.static * beam.length / self.hardness()
         mean = float((soft * np.asarray(self.relaxations)).sum() / soft.sum())
-        return foundation_between(softness, self.mesh().areas, shares, normal, area, mean, tangents)
+        return foundation_between(softness, self._sections(), shares, normal, area, mean, tangents)
 
     @kernel
     def idle(own, load, out, dt):

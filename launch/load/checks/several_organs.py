@@ -15,9 +15,10 @@ def _adds(port: Port) -> bool:
 
 
 def share_organs(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> None:
-    """Set `organs` of the collision and spread nodes of each finger whose contacts with several organs are added, if
-    all of these can share a patch. Organs that move differently (`carried`) are touched one by one: their surface in
-    the frame of one of them changes, and the bridges would stay where they were."""
+    """Set `organs` of the collision and spread nodes of each finger whose contacts with several organs are added, and
+    of the bodies that have this setting, if all of these can share a patch. Organs that move differently (`carried`)
+    are touched one by one: their surface in the frame of one of them changes, and the bridges would stay where they
+    were."""
     wires = [wire for wire in wires if wire.producer in nodes and wire.consumer in nodes]
     for name, spec in nodes.items():
         if Contact not in outputs(spec.cls) or not any(_adds(port) for port in inputs(spec.cls)):
@@ -35,7 +36,8 @@ def share_organs(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> None:
                 for c, near_it, after in zip(contacts, near, spreads, strict=True)
             )
         ):
-            _set(nodes, [one[0] for one in near], [one[0] for one in spreads])
+            bodies = [[w.consumer for w in wires if w.producer == one[0] and w.port.type is Load] for one in spreads]
+            _set(nodes, [one[0] for one in near], [one[0] for one in spreads], bodies)
 
 
 def _shares(contact: NodeSpec, near: list[str], spreads: list[str], nodes: dict[str, NodeSpec]) -> bool:
@@ -44,10 +46,10 @@ def _shares(contact: NodeSpec, near: list[str], spreads: list[str], nodes: dict[
     return able and all("organs" in nodes[one[0]].settings for one in (near, spreads))
 
 
-def _set(nodes: dict[str, NodeSpec], near: list[str], spreads: list[str]) -> None:
+def _set(nodes: dict[str, NodeSpec], near: list[str], spreads: list[str], bodies: list[list[str]]) -> None:
     from palpate.nodes.base.felt.organs import organs_text  # imports the compiler
 
     surfaces = [nodes[name].settings for name in spreads]
-    for own, names in enumerate(zip(near, spreads, strict=True)):
-        for name in names:
+    for own, (first, second, others) in enumerate(zip(near, spreads, bodies, strict=True)):
+        for name in (first, second, *(each for each in others if "organs" in nodes[each].settings)):
             nodes[name].settings["organs"] = organs_text(surfaces, own)

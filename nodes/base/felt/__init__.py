@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Proximity
+from palpate.messages import Contact, Load, Proximity
 from palpate.nodes.base.effect import Agrees
 from palpate.nodes.base.felt.organs import Part, shared_part
 from palpate.nodes.base.node import Node, SettingError
@@ -23,8 +23,8 @@ from palpate.nodes.base.surface import (
 )
 from palpate.physics.errors import MeshError
 from palpate.physics.extras import missing
+from palpate.physics.geometry.felt.bearing import Bearing, bearing_part
 from palpate.physics.geometry.felt.bridge import Felt, close_surface
-from palpate.physics.nearest import nearest, tree_of
 from palpate.units.header import factor
 
 SAMPLES = 3000  # vertices of a NURBS surface that are tested
@@ -32,9 +32,9 @@ WIDTH = 16e-3  # [m] twice the radius of the patch of spread.Kernel
 
 
 class WithWidth(Node):
-    """Setting of the width of the finger, for collision and spread."""
+    """Setting of the width of the finger, for collision, spread, and bodies whose vertices have areas."""
 
-    width: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.1), Agrees(Proximity, Contact, twice="radius")] = WIDTH
+    width: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.1), Agrees(Proximity, Contact, Load, twice="radius")] = WIDTH
     """Diameter of the ball for which gaps, grooves and fissures of a mesh are bridged: twice the radius of the patch
     where that is set. 0: a needle or stylus, which enters all of them."""
     organs: Annotated[str, "1"] = ""
@@ -105,18 +105,22 @@ def felt_part(node: WithWidth) -> tuple[Part | None, str]:
     return shared_part(node.organs, node.width) if node.organs and node.width > 0.0 else (None, "")
 
 
-def touchable_share(node: OnThinnedSurface, width: float) -> np.ndarray | None:
-    """Share of the area of each vertex of the node's mesh [1] (V) that the finger can touch; None: all of it."""
+def bearing(node: OnThinnedSurface, width: float) -> Bearing | None:
+    """The part of the node's mesh that bears the load of a finger of this width [m]; None: all of it. It is computed
+    once for all nodes of a process.
+
+    SettingError: the finger fits nowhere."""
     felt: Felt | Part | None = felt_part(node)[0] if isinstance(node, WithWidth) else None
     if felt is None:
         felt = felt_surface(node, width).felt
     if felt is None:
         return None
-    mesh, whole = node.mesh(), node.whole()
-    third = np.repeat(np.linalg.norm(whole.face_vectors, axis=1) / 6.0 * felt.touchable, 3)
-    touched = np.bincount(whole.triangles.ravel(), third, minlength=len(whole.vertices))
-    share = touched / np.maximum(whole.areas, 1e-300)
-    return share if whole is mesh else share[nearest(tree_of(whole.vertices), mesh.vertices)[1][:, 0]]
+    mesh = node.mesh()
+    key = bearing_part, felt.touchable.tobytes()  # the whole surface is that of the mesh
+    if key not in mesh.kept:
+        mesh.kept[key] = bearing_part(mesh, node.whole(), felt.touchable)
+    found: Bearing = mesh.kept[key]
+    return found
 
 
 def bridge_notes(surface: str, width: float, bridged: Bridged) -> list[str]:

@@ -6,6 +6,7 @@ from formulas import foot_row
 
 from palpate.physics.bodies.stretch import neighbours
 from palpate.physics.contact.spread import TABLES, spreader
+from palpate.physics.geometry.felt.bearing import Bearing
 from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.mesh import Mesh, once_per_mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
@@ -275,8 +276,10 @@ def test_a_spreader_that_starts_again_has_its_tables_and_separate_results():
     for name in TABLES:
         assert getattr(first, name) is getattr(again, name) or name in ("radius", "kind")
     assert first.near is not wider.near and first.forces is not again.forces
-    covered = spreader(mesh, 8e-3, share=np.linspace(0.0, 1.0, len(mesh.vertices)))
+    part = Bearing(mesh.areas * np.linspace(0.0, 1.0, len(mesh.vertices)), -mesh.normals)
+    covered = spreader(mesh, 8e-3, bearing=part)
     assert covered.near["area"].sum() == pytest.approx(0.5 * first.near["area"].sum(), rel=0.1)
+    assert (covered.near["normal"] == -first.near["normal"]).all()
 
 
 def test_neighbours_are_the_vertices_of_common_triangles():

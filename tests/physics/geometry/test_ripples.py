@@ -111,6 +111,21 @@ def test_what_is_shallow_and_flat_is_a_ripple_and_what_is_deep_or_steep_is_not(m
         assert (closest.find(middle + (R + SHALLOW) * normal)[3] > R - 21e-6).all()
 
 
+def test_what_is_shallow_bears_load_below_a_bridge_as_well():
+    """The margin of a dish is connected with its deep middle. Where a cut crossed a ripple, all of it bore no load."""
+    body = dished(4e-4)
+    closest = MeshClosestPoint(body)
+    hidden = untouchable(body, closest, R)
+    felt = close_surface(body, R, given=body)
+    assert not (~felt.touchable & ~hidden).any()
+    vector = body.face_vectors / np.linalg.norm(body.face_vectors, axis=1)[:, None]
+    middle = body.vertices[body.triangles].mean(axis=1)
+    away = closest.find(middle + (R + SHALLOW) * vector)[3]  # of the centre of a ball within 0.1 mm of the triangle
+    shallow, deep = hidden & (away > R), hidden & (away < R - 21e-6)
+    assert shallow.sum() > 5 and deep.sum() > 20
+    assert felt.touchable[shallow].all() and not felt.touchable[deep].any()
+
+
 @pytest.mark.parametrize(
     "make", [slivers, pytest.param(lambda: hull(64, 3), marks=pytest.mark.long)], ids=["slivers", "hull"]
 )

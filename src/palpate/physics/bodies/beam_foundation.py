@@ -41,6 +41,7 @@ from palpate.physics.arrays import Indices, Matrix, Vector3
 from palpate.physics.bodies import beam_foundation_step as stepping
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, neighbours
 from palpate.physics.contact.spread import Spreader, spread, spreader
+from palpate.physics.geometry.felt.bearing import Bearing
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.voigt import ViscoelasticMaterial, chain_compliance
 
@@ -157,6 +158,7 @@ def beam_foundation(
     materials: tuple[ViscoelasticMaterial, ...],
     radius: float,
     contacts: int = 1,
+    bearing: Bearing | None = None,
 ) -> BeamFoundation:
     """Beams at rest.
 
@@ -165,6 +167,7 @@ def beam_foundation(
     layers     [m]  (h)  thicknesses, > 0
     materials       (h)  one per layer
     radius     [m]       of the patch of a contact that has not been loaded
+    bearing              the part of the surface that bears load; None: all of it
 
     ValueError: layers and materials that do not match, or a thickness out of range.
     """
@@ -176,8 +179,9 @@ def beam_foundation(
     count, h = len(mesh.vertices), len(layers)
     thickness, moduli = np.array(layers, float), np.array([m.modulus for m in materials])
     shares, soft = thickness / thickness.sum(), thickness / np.array([m.shear_modulus for m in materials])
-    areas = mesh.areas if hardness is None else mesh.areas * hardness
-    vertices, normals, areas = (np.ascontiguousarray(x, float) for x in (mesh.vertices, mesh.normals, areas))
+    areas, normals = (mesh.areas, mesh.normals) if bearing is None else (bearing.sections(mesh), bearing.normals)
+    areas = areas if hardness is None else areas * hardness
+    vertices, normals, areas = (np.ascontiguousarray(x, float) for x in (mesh.vertices, normals, areas))
     beams = FoundationBeams(
         vertices, normals, areas, float(thickness.sum()), shares, moduli, np.array([m.viscosity for m in materials]),
         float(soft.sum()), SHEAR_LAG * float((soft * [m.viscosity / m.modulus for m in materials]).sum() / soft.sum()),
@@ -190,7 +194,9 @@ def beam_foundation(
     )  # fmt: skip
     edges = neighbours(mesh)
     skin = Skin(edges, np.zeros((count, 3)), StretchWorkspace.of(count), float(edges.spans.min(initial=math.inf)))
-    return BeamFoundation(beams, moving, skin, spreader(mesh, radius), radius, foundation_contacts(contacts, count))
+    return BeamFoundation(
+        beams, moving, skin, spreader(mesh, radius, bearing=bearing), radius, foundation_contacts(contacts, count)
+    )
 
 
 @ieee_kernel

@@ -40,6 +40,7 @@ from numpy.typing import ArrayLike
 from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import ieee_kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Vector3
+from palpate.physics.geometry.felt.bearing import Bearing
 from palpate.physics.geometry.mesh import Mesh, once_per_mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
 
@@ -157,10 +158,10 @@ class Spreader(NamedTuple):
 TABLES = Spreader._fields[:-3]  # fields that no kernel writes
 
 
-def spreader(mesh: Mesh, radius: float, kernel: str = "biweight", share: np.ndarray | None = None) -> Spreader:
+def spreader(mesh: Mesh, radius: float, kernel: str = "biweight", bearing: Bearing | None = None) -> Spreader:
     """The spreader for a surface, a radius of influence R > 0 [m] and one of KERNELS.
 
-    share  of the area of each vertex [1] (V) that bears load; None: all of it
+    bearing  the part of the surface that bears load; None: all of it
 
     ValueError: an unknown kernel, a radius that is not positive.
     """
@@ -168,7 +169,7 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight", share: np.ndar
         raise ValueError(f"kernel {kernel!r}: unknown. Kernels: {', '.join(KERNELS)}.")
     if not 0.0 < radius < math.inf:
         raise ValueError(f"radius {radius} m: expected a positive number")
-    tables = _tables(mesh, float(radius)) if share is None else _make_tables(mesh, float(radius), mesh.areas * share)
+    tables = _tables(mesh, float(radius)) if bearing is None else _make_tables(mesh, float(radius), *bearing)
     size = max(len(mesh.vertices), 3)
     room = (np.zeros(size, np.int32), np.zeros(size), np.zeros((size, 3)))
     return Spreader._make([float(radius), KERNELS.index(kernel), *tables, *room])
@@ -177,14 +178,14 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight", share: np.ndar
 @once_per_mesh
 def _tables(mesh: Mesh, radius: float) -> tuple[Any, ...]:
     """The tables of a spreader of a surface whose whole area bears load."""
-    return _make_tables(mesh, radius, mesh.areas)
+    return _make_tables(mesh, radius, mesh.areas, mesh.normals)
 
 
-def _make_tables(mesh: Mesh, radius: float, areas: np.ndarray) -> tuple[Any, ...]:
-    """The fields of a `Spreader` from `origin` to `box`; areas [m²] (V) that bear load."""
+def _make_tables(mesh: Mesh, radius: float, areas: np.ndarray, normals: np.ndarray) -> tuple[Any, ...]:
+    """The fields of a `Spreader` from `origin` to `box`; areas [m²] (V) that bear load, and their normals [1] (V,3)."""
     origin, side, shape, first, order = cells(mesh.vertices, radius)
     near = np.zeros(len(areas), NODES)
-    near["position"], near["normal"], near["area"] = mesh.vertices[order], mesh.normals[order], areas[order]
+    near["position"], near["normal"], near["area"] = mesh.vertices[order], normals[order], areas[order]
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     margin = 20 * float(np.max(high - low))
     vertices, triangles, faces = map(np.ascontiguousarray, (mesh.vertices, mesh.triangles, mesh.face_vectors))

@@ -23,7 +23,7 @@ from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, onto_centres, rounded
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
 from palpate.physics.geometry.felt.rims import divide_near, find_rims, resting, round_rims, unfolded
-from palpate.physics.geometry.felt.ripples import without_ripples
+from palpate.physics.geometry.felt.ripples import are_deep, without_ripples
 from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
@@ -48,7 +48,7 @@ class Felt(NamedTuple):
 
     mesh       the surface that a ball can touch
     origin     (T,) for each of its triangles the triangle of the body, or the nearest touchable one under a bridge
-    touchable  (T',) whether a ball touches each triangle of the body
+    touchable  (T',) whether a ball comes within `ripples.SHALLOW` of each triangle of the body, which then bears load
     area       [m²] of the bridges
     depth      [m] of the deepest point of the body below a bridge
     place      [m] (3) of this point
@@ -82,8 +82,10 @@ def close_surface(
         return None
     if not mesh.closed:
         raise MeshError("it is open")
-    touchable = np.zeros(len(mesh.triangles), bool)
-    touchable[part[~hidden]] = True
+    reached, some = np.zeros(len(mesh.triangles), bool), np.flatnonzero(hidden)
+    reached[part[~hidden]] = True
+    touchable = reached.copy()
+    touchable[part[some[~are_deep(fine, some, body, radius)]]] = True
     hollow = Hollow(Mesh(fine.vertices, fine.triangles[hidden]))
     plug, centres = _plug(hollow, body, _touched(fine, hidden, radius), radius, np.asarray(offset))
     vertices, triangles, origin = _join(mesh, plug)
@@ -103,7 +105,7 @@ def close_surface(
         triangles = flip_caps(moves[0], triangles, _still(flat, moves[0], triangles))
     vertices, normals = unfolded(vertices, normals, moves, turned, triangles)
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
-    return _describe(felt, origin, body, touchable)
+    return _describe(felt, origin, body, reached, touchable)
 
 
 def _touched(fine: Mesh, hidden: np.ndarray, radius: float) -> np.ndarray:
@@ -275,7 +277,9 @@ def _middles(mesh: Mesh, triangles: np.ndarray) -> np.ndarray:
     return np.asarray(mesh.vertices[mesh.triangles[triangles]].mean(axis=1))
 
 
-def _describe(felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, touchable: np.ndarray) -> Felt:
+def _describe(
+    felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, reached: np.ndarray, touchable: np.ndarray
+) -> Felt:
     mesh = body.mesh
     kept, of_plug = np.flatnonzero(touchable), np.flatnonzero(origin < 0)
     bridged = of_plug[body.beyond(_middles(felt, of_plug), 2.0 * RIM)]
@@ -283,6 +287,6 @@ def _describe(felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, touchable:
     floor = MeshClosestPoint(Mesh(mesh.vertices, mesh.triangles[kept]))
     origin[unknown] = kept[floor.find_sorted(_middles(felt, unknown))[2]]
     area = 0.5 * float(np.linalg.norm(felt.face_vectors[bridged], axis=1).sum())
-    under = np.unique(mesh.triangles[~touchable])
+    under = np.unique(mesh.triangles[~reached])
     depth, deepest = MeshClosestPoint(felt).farthest(mesh.vertices[under])
     return Felt(felt, origin.astype(np.int32), touchable, area, depth, mesh.vertices[under[deepest]])

@@ -33,19 +33,26 @@ FIRST = 8  # triangles of connected ones that are tested first
 def without_ripples(fine: Mesh, hidden: np.ndarray, body: MeshClosestPoint, given: Mesh, radius: float) -> np.ndarray:
     """Which of the untouchable triangles (T,) of a mesh are in hollows of the body. given: the mesh of the file."""
     some = np.flatnonzero(hidden)
-    vector = fine.face_vectors[some]
-    normal = vector / np.linalg.norm(vector, axis=1)[:, None]
     middle = fine.vertices[fine.triangles[some]].mean(axis=1)
     label = pieces(fine.triangles[some], len(fine.vertices))
     found, before = np.zeros(int(label.max()) + 1, bool), MeshClosestPoint(given)
     first = _spread_over(label)
     for part in (first, ~first):  # most hollows are found by a few of their triangles
         left = np.flatnonzero(part & ~found[label])
-        deep = left[hides(body, middle[left], normal[left], radius + SHALLOW, SHALLOW + SLACK)]
+        deep = left[are_deep(fine, some[left], body, radius)]
         found[label[deep[_hidden_before(middle[deep], before, radius)]]] = True
     kept = np.zeros(len(hidden), bool)
     kept[some] = found[label]
     return kept
+
+
+def are_deep(fine: Mesh, some: np.ndarray, body: MeshClosestPoint, radius: float) -> np.ndarray:
+    """Whether the middle of each of some triangles (n,) of a mesh is not within `SHALLOW`, along its normal, of a ball
+    of the radius [m] that avoids the body."""
+    vector = fine.face_vectors[some]
+    normal = vector / np.linalg.norm(vector, axis=1)[:, None]
+    middle = fine.vertices[fine.triangles[some]].mean(axis=1)
+    return hides(body, middle, normal, radius + SHALLOW, SHALLOW + SLACK)
 
 
 def _spread_over(label: np.ndarray) -> np.ndarray:
