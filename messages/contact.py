@@ -163,6 +163,8 @@ class OrganContact(Sparse):
                                frames of the bodies
     across_normal  [1]   (n)   `normal` in the frame of the second body, where one rotates with its foundation: n = 3;
                                else n = 0, it is the same, and omitted
+    steps          [1]   ()    number of steps since the start, which a restart of the contact sets back with the
+                               energies; 0 in older recordings
     """
 
     force: Annotated[float, "N"]
@@ -189,6 +191,7 @@ class OrganContact(Sparse):
     carried: Annotated[Floats, "J", ("c",)] = NO_FLOATS
     torques: Annotated[Floats, "N m", ("t", 3)] = NO_TORQUES
     across_normal: Annotated[Floats, "1", ("n",), UNIT_VECTOR] = NO_FLOATS
+    steps: Annotated[int, "1"] = always_sent(0)
 
 
 class Neighbour(Message):

@@ -10,6 +10,7 @@ from palpate.compiler.records import array_of, floats, lend, nth, put, vector
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
 from palpate.messages.contact import OrganContact
 from palpate.messages.ledger import PARTS
+from palpate.messages.record import ROOM
 from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Wants
 from palpate.nodes.base.kernels import kernel
@@ -17,6 +18,9 @@ from palpate.physics.bodies.floating.turning import turned, turned_back
 from palpate.physics.contact import ledger
 
 ZERO = (0.0, 0.0, 0.0)
+CONTACT = {"steps": int, "work": (), "carried": (), "past_work": (), "past_carried": (), "moves": bool}
+"""Last message of a contact of organs: its number of steps, work on it and of foundations through it [J] since its
+start, and before that; whether a foundation moves."""
 _moments_of = array_of(ledger.MOMENT_TYPE)
 PRESS = Wants("normal", "force", "compression", "indentation", "lateral_force", "stored")
 
@@ -28,22 +32,33 @@ def stored_energy(stored):
 
 
 @kernel
-def of_organs(others, between):
+def of_organs(own, others, between):
     """Energy [J] stored in the other organs, NaN if one does not report it, work on all contacts of organs, energy
-    stored there, and work of moving foundations through them; whether one moves."""
+    stored there, and work of moving foundations through them; whether one moves.
+
+    The works are sums since the start of the ledger: they keep what a contact did before it died or was restarted.
+    What its bristles stored then is dissipated."""
     stored = given = held = carried = 0.0
     moves = False
     for i in range(others.count):
         each = nth(others, i)
         stored += stored_energy(each.stored) if each.there else nan
     for i in range(between.count):
-        touch = nth(between, i)
+        touch, kept = nth(between, i), own.contacts[i]
         if touch.there:
+            if touch.steps < kept.steps:  # it was restarted
+                kept.past_work, kept.past_carried = kept.past_work + kept.work, kept.past_carried + kept.carried
+                kept.carried = 0.0
+            begun, kept.steps = kept.steps == 0 and touch.steps > 1, touch.steps
+            kept.work = touch.stored + touch.dissipated - touch.generated
             held += touch.stored
-            given += touch.stored + touch.dissipated - touch.generated
             if touch.carried.shape[0] > 0:
-                carried += floats(touch.carried)[0]
-                moves = True
+                kept.carried, kept.moves = floats(touch.carried)[0], True
+            if begun:  # before the ledger: it has dissipated nothing yet
+                kept.past_work, kept.past_carried = touch.stored - kept.work, -kept.carried
+        given += kept.past_work + kept.work
+        carried += kept.past_carried + kept.carried
+        moves = moves or kept.moves
     return stored, given, held, carried, moves
 
 
@@ -97,6 +112,7 @@ class Energy(CompiledNode):
     State = {
         "account": ledger.LEDGER, "past": TABLE,
         "at": (3,), "turn": (3,), "centre": (3,),  # [m] the foundation, [rad] its rotation, [m] about this point
+        "contacts": (ROOM, CONTACT),
         "lent": (), "carried": ARRAY,  # [J] its work on the fingers, and all of it
         "tripped": bool, "by": int, "most": (), "time": int,  # row of the part that tripped it, its energy, time [ns]
     }  # fmt: skip
@@ -128,7 +144,7 @@ class Energy(CompiledNode):
         friction: Annotated[list[Friction | None], Wants("force", "stored")],
         body: Annotated[Surface | None, Wants("stored")],
         others: Annotated[list[Surface | None], Wants("stored")],
-        between: Annotated[list[OrganContact | None], Wants("stored", "dissipated", "generated", "carried")],
+        between: Annotated[list[OrganContact | None], Wants("stored", "dissipated", "generated", "carried", "steps")],
         support: Annotated[list[Support | None], Wants("displacement", "rotation", "centre")],
         out: Out[Ledger],
         dt,
@@ -153,7 +169,7 @@ class Energy(CompiledNode):
                 if stepped:
                     stored = (stored_energy(touch.stored), stored_energy(body.stored), bristles)
                     ledger.add_finger(account, past, i, along, rubbed, stored)
-            elsewhere, given, held, carried, push = of_organs(others, between)
+            elsewhere, given, held, carried, push = of_organs(own, others, between)
             moves = moves or push
             if stepped:
                 for i in range(count):

@@ -186,6 +186,8 @@ def answer(own, pair, rub, one, two, normal, out):
     balance = rub.balance[0]
     out.stored, out.dissipated = balance.stored, pair.past[0].dissipated + balance.dissipated
     out.generated = pair.past[0].generated
+    own.steps += 1
+    out.steps = own.steps
     put(out.friction, times_back(rub.axes[0], rub.pull))
     put(out.slip, times_back(rub.axes[0], rub.speed))
     for x in range(3):
@@ -291,6 +293,7 @@ class Between(CompiledNode):
         "torques": TABLE,
         "held": (3,), "counted": (3,), "given": (3,), "point": (3,), "middle": (3,), "across_normal": ARRAY,
         "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance, and what it gave
+        "steps": int,  # since the start
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates, and their
     borders, see `borders.Borders`, and the number of these; openings by all loads

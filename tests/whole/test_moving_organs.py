@@ -8,6 +8,7 @@ from pytest import approx
 from scipy.spatial.transform import Rotation
 from streams import read
 
+import palpate
 from palpate.engine.faults import GraphError
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
@@ -290,6 +291,27 @@ def test_a_foundation_presses_one_organ_into_another_and_the_ledger_has_its_work
     assert books[at].tissue_stored + books[at].tissue_dissipated == approx(carried[at - 1], rel=1e-9)
     assert max(each.force for each in between) > 0.5 and max(each.generated for each in books) < 1e-4
     assert_books_close(books[-1])
+
+
+@pytest.mark.notes("without friction")
+def test_the_ledger_keeps_what_a_contact_of_organs_did_before_it_was_restarted():
+    """The kidney has risen by 4 mm against the ball when their contact restarts; the first 0.3 mJ of the foundation
+    remain in the balance."""
+    sets = [
+        *SIZE, "scene.liver-surface.vertices=2000", "scene.hand.path=[{hold: 1}]",
+        "scene.motions={push: {moves: [kidney], path: [{to: [0, 0, 0.004], time: 0.1}]}}",
+    ]  # fmt: skip
+    totals, ledgers = [], []
+    for tick in palpate.steps("neighbours", duration=0.25, sets=sets):
+        totals.append(tick["between"])
+        ledgers.append(tick["ledger"])
+        if len(totals) == 200:
+            tick.set("between", reach=tick.settings("between")["reach"])
+    before, after = totals[199], totals[-1]
+    assert (before.steps, after.steps) == (200, len(totals) - 200) and before.carried[0] > 2e-4
+    assert ledgers[199].carried[0] == approx(before.carried[0], rel=1e-12)
+    assert ledgers[-1].carried[0] == approx(before.carried[0] + after.carried[0], rel=1e-12)
+    assert max(each.generated for each in ledgers) < 1e-4
 
 
 @pytest.mark.parametrize("motions, text", [

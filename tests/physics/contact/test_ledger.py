@@ -14,6 +14,7 @@ from pytest import approx
 from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.messages.contact import OrganContact
 from palpate.nodes.ledger import Energy
+from palpate.physics.contact import ledger
 from palpate.physics.contact.series import exponential, series_energy
 from palpate.physics.friction.coulomb import Coulomb
 from palpate.physics.friction.lugre import LuGre
@@ -222,8 +223,8 @@ def organ(stored):
                    rest_indentation=0.0, previous_indentation=0.0, stored=(stored,))  # fmt: skip
 
 
-def organs(dissipated, generated=0.0):
-    return msgspec.structs.replace(OrganContact.example(False), dissipated=dissipated, generated=generated)
+def organs(dissipated, generated=0.0, **more):
+    return msgspec.structs.replace(OrganContact.example(False), dissipated=dissipated, generated=generated, **more)
 
 
 def pressed_into_a_neighbour(depths, gap=1e-3, known=True, lost=0.0):
@@ -270,3 +271,31 @@ def test_what_the_contact_of_organs_dissipates_is_no_gain_and_what_it_generates_
     active, _ = pressed_into_a_neighbour(path, lost=-1e-5)
     assert active.generated("contact of organs") == approx(steps * 1e-5, rel=1e-9)
     assert active.generated_by == "contact of organs"
+
+
+def contact_of(steps, first=1):
+    """A contact that dissipates 1 mJ and takes 3 mJ from a foundation per step, and then stores 0.5 mJ."""
+    return [organs(1e-3 * k, stored=5e-4, carried=np.array([3e-3 * k]), steps=k) for k in range(first, first + steps)]
+
+
+@pytest.mark.parametrize("course, lost, carried", [
+    (contact_of(12), 12, 12),
+    (contact_of(6) + [None] * 3 + contact_of(6), 12, 12),  # killed, and restarted
+    (contact_of(6) + contact_of(6), 12, 12),  # restarted between two steps of the ledger
+    (contact_of(6) + [None] * 3 + contact_of(6, 10), 15, 15),  # late
+    (contact_of(6) + [None] * 6, 6, 6),  # dead
+    ([None] * 3 + contact_of(6, 40), 5, 5),  # before it is seen, it may have done anything
+])  # fmt: skip
+def test_a_contact_of_organs_that_dies_or_is_restarted_keeps_what_it_dissipated(course, lost, carried):
+    """By the sums of the messages: as much is dissipated as the contact has; bristles that it loses add what they had
+    stored, 0.5 mJ each."""
+    balance, touch = Balance(), Moment(NONE, NONE, UP, 1.0, 0.0, 0.0, NONE, NONE, (0.0, 0.0, 0.0))
+    balance.add(touch, others=[organ(0.0)], between=[None])
+    for each in course:
+        balance.add(touch, others=[organ(0.0)], between=[each])
+    account = balance.node.own["account"]["accounts"][ledger.ORGANS]
+    restarts = sum(each is not None and each.steps == 1 for each in course) - 1
+    ends = course[-1] is None
+    assert account["work"] - account["stored"] == approx(1e-3 * lost + 5e-4 * (max(restarts, 0) + ends), rel=1e-9)
+    assert balance.answer.carried[0] == approx(3e-3 * carried, rel=1e-9)
+    assert balance.generated("contact of organs") == 0.0
