@@ -2,7 +2,7 @@
 
 from palpate.nodes.base.block import Block
 from palpate.nodes.base.compiled import ARRAY, TABLE, CompiledNode
-from palpate.nodes.base.effect import Agrees, Calibrated, Effect, Ideal, Part, Switch, effects, part
+from palpate.nodes.base.effect import Agrees, Calibrated, Effect, Follows, Ideal, Part, Switch, effects, part
 from palpate.nodes.base.node import (
     InputError,
     Node,
@@ -21,7 +21,7 @@ from palpate.nodes.base.node import (
 )
 
 __all__ = [
-    "ARRAY", "TABLE", "Agrees", "Block", "Calibrated", "CompiledNode", "Effect", "Ideal", "InputError", "Node",
-    "Observer", "Out", "Part", "Port", "Setting", "SettingError", "Stream", "Switch", "Wants", "convert", "effects",
-    "inputs", "outputs", "part", "plain", "settings",
+    "ARRAY", "TABLE", "Agrees", "Block", "Calibrated", "CompiledNode", "Effect", "Follows", "Ideal", "InputError",
+    "Node", "Observer", "Out", "Part", "Port", "Setting", "SettingError", "Stream", "Switch", "Wants", "convert",
+    "effects", "inputs", "outputs", "part", "plain", "settings",
 ]  # fmt: skip

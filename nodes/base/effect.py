@@ -88,6 +88,20 @@ class Agrees:
 
 
 @dataclass(frozen=True)
+class Follows:
+    """Mark of a setting that describes what the senders of a message have, such as the width of the fingers on a body.
+
+    width: Annotated[float, "m", Follows(Load)] = WIDTH
+
+    message  type of the messages from these senders, also through nodes without this setting
+
+    Where it is not set, the loader gives it the largest value of the senders, which may differ.
+    """
+
+    message: type[Message]
+
+
+@dataclass(frozen=True)
 class Effect:
     """How a node class computes an effect.
 

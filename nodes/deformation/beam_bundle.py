@@ -8,9 +8,9 @@ import numpy as np
 from palpate.compiler.exact import row_times
 from palpate.compiler.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 from palpate.messages import Load, Surface, Vector
-from palpate.nodes.base import ARRAY, TABLE, Calibrated, Out, Part, SettingError, Switch
+from palpate.nodes.base import ARRAY, TABLE, Calibrated, Follows, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, spread_laws, unknown_vertex
-from palpate.nodes.base.felt import WithWidth, bearing
+from palpate.nodes.base.felt import WIDTH, WithWidth, bearing
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import oldest
 from palpate.physics.bodies import beam_foundation as beams
@@ -42,6 +42,8 @@ class BeamBundle(MeshBody, WithWidth):
     moduli: Annotated[Vector, "Pa", OF_TISSUE] = (SKIN.modulus, TISSUE.modulus)
     relaxations: Annotated[Vector, "s", Switch("relaxation"), OF_TISSUE] = (SKIN.relaxation, TISSUE.relaxation)
     """Viscosity over modulus of each layer."""
+    width: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.1), Follows(Load)] = WIDTH
+    """Width of the widest finger on it: next to a gap only the side that this one touches bears load."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
 
     shape = Part(

@@ -1,15 +1,18 @@
 """Settings that describe one thing in several nodes, such as the patch under the finger (`nodes.base.Agrees`).
 
-If one of them is set, the others take its value; different values are refused.
+If one of them is set, the others take its value; different values are refused. A setting that follows its senders
+(`nodes.base.Follows`) takes the largest value of theirs.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 from palpate.engine.faults import Faults, Location
 from palpate.engine.graph import NodeSpec
 from palpate.launch.load.wiring import Wire
+from palpate.messages import Message
 from palpate.messages.wording import written
-from palpate.nodes.base import Agrees, Setting, SettingError, settings
+from palpate.nodes.base import Agrees, Follows, Setting, SettingError, settings
 
 Given = dict[str, dict[str, Location]]
 """By node, the settings that its line or the scene sets, with their places."""
@@ -26,6 +29,9 @@ def agree(nodes: Mapping[str, NodeSpec], wires: Iterable[Wire], given: Given, fa
     for setting in sorted(known, key=lambda setting: known[setting].twice != ""):  # after those that they are twice of
         for group in _groups([name for name in nodes if setting in marked[name]], setting, marked, incoming):
             _settle(setting, [nodes[name] for name in group], given, faults)
+    has = {name: spec.settings for name, spec in nodes.items()}
+    for name, spec in nodes.items():
+        _follow(name, spec, has, incoming, given, faults)
 
 
 def _marks(spec: NodeSpec) -> Iterator[tuple[str, Agrees]]:
@@ -52,19 +58,50 @@ def _groups(
         return name
 
     for name in names:
-        messages, stack, seen = marked[name][setting].messages, [name], {name}
-        while stack:
-            at = stack.pop()
-            senders = [wire.producer for wire in incoming.get(at, ()) if issubclass(wire.port.type, messages)]
-            if at != name and (setting in marked[at] or not senders):
-                leader[find(name)] = find(at)
-                continue
-            stack += [sender for sender in senders if sender not in seen]
-            seen.update(senders)
+        for at in _senders(name, setting, marked[name][setting].messages, marked, incoming):
+            leader[find(name)] = find(at)
     groups: dict[str, list[str]] = {}
     for name in names:
         groups.setdefault(find(name), []).append(name)
     yield from groups.values()
+
+
+def _senders(
+    name: str,
+    setting: str,
+    messages: tuple[type[Message], ...],
+    has: Mapping[str, Container[str]],
+    incoming: Mapping[str, list[Wire]],
+) -> Iterator[str]:
+    """The nearest nodes with a setting, or without senders, from which messages of these types reach a node."""
+    stack, seen = [name], {name}
+    while stack:
+        at = stack.pop()
+        senders = [wire.producer for wire in incoming.get(at, ()) if issubclass(wire.port.type, messages)]
+        if at != name and (setting in has[at] or not senders):
+            yield at
+            continue
+        stack += [sender for sender in senders if sender not in seen]
+        seen.update(senders)
+
+
+def _follow(
+    name: str,
+    spec: NodeSpec,
+    has: Mapping[str, Mapping[str, Any]],
+    incoming: Mapping[str, list[Wire]],
+    given: Given,
+    faults: Faults,
+) -> None:
+    """Set the settings of a node that follow its senders, of all that the nodes have, and are not given."""
+    for setting in settings(spec.cls).values():
+        mark = next((mark for mark in setting.marks if isinstance(mark, Follows)), None)
+        if mark is None or setting.name in given.get(name, {}):
+            continue
+        found = [at for at in _senders(name, setting.name, (mark.message,), has, incoming) if setting.name in has[at]]
+        values = [value for at in found if (value := has[at][setting.name]) is not None]
+        if values:
+            _set(setting.name, spec, max(values), found[0], spec.place, faults)
 
 
 def _settle(setting: str, group: Sequence[NodeSpec], given: Given, faults: Faults) -> None:
@@ -90,12 +127,17 @@ def _settle(setting: str, group: Sequence[NodeSpec], given: Given, faults: Fault
         if place is not None:
             given.setdefault(spec.name, {})[setting] = place
         if spec.settings[setting] != value:
-            before, spec.settings[setting] = spec.settings[setting], value
-            try:
-                spec.cls(**spec.settings)
-            except SettingError as error:
-                spec.settings[setting] = before
-                faults.add(f"{error}, the value of {first.name}", "", place or spec.place, node=spec.name)
+            _set(setting, spec, value, first.name, place or spec.place, faults)
+
+
+def _set(setting: str, spec: NodeSpec, value: Any, source: str, place: Location, faults: Faults) -> None:
+    """Set a setting of a node; a fault if it refuses the value, which another node has."""
+    before, spec.settings[setting] = spec.settings[setting], value
+    try:
+        spec.cls(**spec.settings)
+    except SettingError as error:
+        spec.settings[setting] = before
+        faults.add(f"{error}, the value of {source}", "", place, node=spec.name)
 
 
 def _derive(setting: str, group: Sequence[NodeSpec], given: Given) -> list[NodeSpec]:

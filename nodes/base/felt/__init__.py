@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Load, Proximity
+from palpate.messages import Contact, Proximity
 from palpate.nodes.base.effect import Agrees
 from palpate.nodes.base.felt.organs import Part, shared_part
 from palpate.nodes.base.node import Node, SettingError
@@ -32,9 +32,10 @@ WIDTH = 16e-3  # [m] twice the radius of the patch of spread.Kernel
 
 
 class WithWidth(Node):
-    """Setting of the width of the finger, for collision, spread, and bodies whose vertices have areas."""
+    """Setting of the width of the finger, for collision and spread; a body whose vertices have areas takes that of the
+    widest finger on it."""
 
-    width: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.1), Agrees(Proximity, Contact, Load, twice="radius")] = WIDTH
+    width: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.1), Agrees(Proximity, Contact, twice="radius")] = WIDTH
     """Diameter of the ball for which gaps, grooves and fissures of a mesh are bridged: twice the radius of the patch
     where that is set. 0: a needle or stylus, which enters all of them."""
     organs: Annotated[str, "1"] = ""

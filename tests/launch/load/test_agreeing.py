@@ -56,6 +56,23 @@ def test_one_value_reaches_all_nodes_and_two_are_refused(graph, setting, value, 
             load(graph, overrides=[*skin, f"{names[0]}.{setting}={value}", f"{names[-1]}.{setting}={usual}"])
 
 
+@pytest.mark.parametrize(("sets", "widths"), [
+    ([], (0.016, 0.016, 0.016)),
+    (["collision-1.width=0"], (0.0, 0.016, 0.016)),
+    (["spread-1.width=0.02"], (0.02, 0.016, 0.02)),
+    (["scene.finger.width=0"], (0.0, 0.0, 0.0)),
+    (["spread-2.radius=0.01", "tissue.radius=0.01", "spread-1.radius=0.01"], (0.02, 0.02, 0.02)),
+    (["tissue.width=0.01"], (0.016, 0.016, 0.01)),
+])  # fmt: skip
+def test_a_body_of_beams_takes_the_width_of_the_widest_finger_and_changes_none(sets, widths):
+    """A stylus next to a fingertip: the width of the one became that of the other, without a word."""
+    nodes = load("palpate-two", overrides=["tissue.use=deformation.BeamBundle", *sets]).nodes
+    first, second, body = widths
+    for tag, width in (("1", first), ("2", second)):
+        assert all(nodes[f"{name}-{tag}"].settings["width"] == width for name in ("collision", "spread"))
+    assert nodes["tissue"].settings["width"] == body
+
+
 def test_settings_that_agree_have_one_default():
     """In all shipped classes, so that a graph that sets none of them has one value."""
     defaults = {}
