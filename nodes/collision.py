@@ -204,17 +204,18 @@ class Mesh(_Nearest, OnSurface):
     def _refinement(self, mesh: meshes.Mesh) -> list[str]:
         """A note on the change by `refine`, if any."""
         moved, before = refinement(self.surface, self.file_unit, self.piece, self.refine)
+        away = 1e3 * round(moved, 9)
         if len(mesh.vertices) != before:
             return [
                 f"{self.surface}: triangles coarser than {1e3 * self.refine:.3g} mm are divided on a smooth surface: "
-                f"{before} vertices become {len(mesh.vertices)}, up to {1e3 * moved:.2g} mm from the triangles of the "
+                f"{before} vertices become {len(mesh.vertices)}, up to {away:.2g} mm from the triangles of the "
                 "file. This costs memory, start-up time and some time per tick. scene.surface.refine=0 keeps the "
                 "triangles."
             ]
         if moved > 0.0:
             return [
                 f"{self.surface}: the vertices scatter, as after marching cubes. They are moved onto a smooth surface, "
-                f"up to {1e3 * moved:.2g} mm from the triangles of the file. scene.surface.refine=0 keeps them."
+                f"up to {away:.2g} mm from the triangles of the file. scene.surface.refine=0 keeps them."
             ]
         return []
 

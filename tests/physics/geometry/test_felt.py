@@ -26,8 +26,9 @@ TOP = 6e-3  # [m] of the bodies
 NEAR = 8e-6  # [m]
 
 
-def prism(profile, length=0.02):
-    """A prism along x over a simple polygon (n,2) of (y, z) [m], counter-clockwise seen from +x."""
+def prism(profile, length=0.02, longest=2e-3):
+    """A prism along x over a simple polygon (n,2) of (y, z) [m], counter-clockwise seen from +x; edges [m] up to
+    `longest`."""
     import manifold3d
 
     solid = manifold3d.Manifold.extrude(manifold3d.CrossSection([np.asarray(profile) * 1e3]), 1e3 * length)
@@ -35,7 +36,7 @@ def prism(profile, length=0.02):
     y, z, x = 1e-3 * np.asarray(made.vert_properties)[:, :3].T
     triangles = np.asarray(made.tri_verts).astype(np.int32)
     coarse = Mesh(np.stack([x - 0.5 * length, y, z], axis=1), triangles)
-    return divide_long_edges(coarse, 2e-3)[0]
+    return divide_long_edges(coarse, longest)[0]
 
 
 def groove(width, depth=9e-3):
@@ -295,6 +296,17 @@ def test_between_two_balls_the_finger_rests_on_both():
     lowest = np.sqrt((0.015 + R) ** 2 - away**2) - R  # of a ball over both
     z = heights(felt.mesh, np.array([[0.2e-3, 0.0]]))
     assert z == approx(lowest, abs=0.1e-3)  # facets of the balls: up to 60 um
+
+
+def test_a_valley_whose_triangles_all_reach_its_rims_is_bridged_by_a_cylinder():
+    """As a file of CAD has it: a ball touches a part of each of its triangles."""
+    length, floor = 0.04, 0.01
+    body = prism([(-0.02, 0.0), (0.02, 0.0), (0.02, 0.03), (0.0, floor), (-0.02, 0.03)], length, longest=1.0)
+    felt = close_surface(body, R)
+    assert len(body.triangles) < 20 and felt.touchable.all()
+    assert felt.depth == approx(R * (np.sqrt(2.0) - 1.0), rel=0.01)
+    assert felt.place[1:] == approx([0.0, floor], abs=1e-9)
+    assert felt.area == approx(0.5 * np.pi * R * length, rel=0.05)  # less the strips next to the rims
 
 
 def test_an_open_sheet_with_a_groove_is_refused():

@@ -82,9 +82,8 @@ def close_surface(
         return None
     if not mesh.closed:
         raise MeshError("it is open")
-    reached, some = np.zeros(len(mesh.triangles), bool), np.flatnonzero(hidden)
-    reached[part[~hidden]] = True
-    touchable = reached.copy()
+    touchable, some = np.zeros(len(mesh.triangles), bool), np.flatnonzero(hidden)
+    touchable[part[~hidden]] = True
     touchable[part[some[~are_deep(fine, some, body, radius)]]] = True
     hollow = Hollow(Mesh(fine.vertices, fine.triangles[hidden]))
     plug, centres = _plug(hollow, body, _touched(fine, hidden, radius), radius, np.asarray(offset))
@@ -105,7 +104,8 @@ def close_surface(
         triangles = flip_caps(moves[0], triangles, _still(flat, moves[0], triangles))
     vertices, normals = unfolded(vertices, normals, moves, turned, triangles)
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
-    return _describe(felt, origin, body, reached, touchable)
+    under = fine.vertices[np.unique(fine.triangles[hidden])]  # a large triangle may be touchable in part
+    return _describe(felt, origin, body, under, touchable)
 
 
 def _touched(fine: Mesh, hidden: np.ndarray, radius: float) -> np.ndarray:
@@ -278,8 +278,9 @@ def _middles(mesh: Mesh, triangles: np.ndarray) -> np.ndarray:
 
 
 def _describe(
-    felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, reached: np.ndarray, touchable: np.ndarray
+    felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, under: np.ndarray, touchable: np.ndarray
 ) -> Felt:
+    """The felt surface; `under` [m] (n,3): the points of the body that no ball touches."""
     mesh = body.mesh
     kept, of_plug = np.flatnonzero(touchable), np.flatnonzero(origin < 0)
     bridged = of_plug[body.beyond(_middles(felt, of_plug), 2.0 * RIM)]
@@ -287,6 +288,5 @@ def _describe(
     floor = MeshClosestPoint(Mesh(mesh.vertices, mesh.triangles[kept]))
     origin[unknown] = kept[floor.find_sorted(_middles(felt, unknown))[2]]
     area = 0.5 * float(np.linalg.norm(felt.face_vectors[bridged], axis=1).sum())
-    under = np.unique(mesh.triangles[~reached])
-    depth, deepest = MeshClosestPoint(felt).farthest(mesh.vertices[under])
-    return Felt(felt, origin.astype(np.int32), touchable, area, depth, mesh.vertices[under[deepest]])
+    depth, deepest = MeshClosestPoint(felt).farthest(under)
+    return Felt(felt, origin.astype(np.int32), touchable, area, depth, under[deepest])
