@@ -1,5 +1,6 @@
 """The random search on surfaces of all kinds, its report and its command."""
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -7,14 +8,16 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from pytest import approx
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.studies.organs.notes import REASONS
 from palpate.studies.organs.pairs import REFINED, compare_pairs, forces, refinement_scores, ticks_in_range
 from palpate.studies.organs.report import NAMES, line, text
-from palpate.studies.organs.runs import run
-from palpate.studies.organs.search import BODIES, Results, run_touches, search, vary_touch, worsen_touch
+from palpate.studies.organs.runs import launch, run
+from palpate.studies.organs.search import Results, run_touches, search, vary_touch, worsen_touch
+from palpate.studies.organs.settings import BODIES, EXACT, POINT, TWO, VARIED, draw_settings
 from palpate.studies.organs.touches import Setting, Touch, draw_touch
 from palpate.studies.organs.zoo import COARSE, FINE, USUAL, ZOO, choose_specimens
 
@@ -115,6 +118,36 @@ def test_touches_begin_outside(folder):
         setting = Setting(name, USUAL)
         begins = np.array([draw_touch(setting, rng).fingers[0].begin for _ in range(30)])
         assert (setting.closest().find(begins)[3] > 4e-3).all()
+
+
+def test_touches_of_a_finger_with_a_width_begin_outside_of_the_bridges(folder):
+    setting, rng = Setting("groove", USUAL, width=16e-3), np.random.default_rng(2)
+    begins = np.array([draw_touch(setting, rng, folder).fingers[0].begin for _ in range(30)])
+    assert (setting.felt(folder)[1].find(begins)[3] > 4e-3).all()
+    assert (setting.felt(folder)[1].find([0.0, 0.0, 5e-3])[3] < 0.0) and setting.closest().find([0.0, 0.0, 5e-3])[3] > 0
+
+
+def test_settings_are_those_of_scenes():
+    """A search of points with the default arm and patch found nothing that only a finger with a width meets."""
+    drawn = list(itertools.islice(draw_settings(choose_specimens(None), BODIES, np.random.default_rng(1)), 600))
+    for holds, share in ((lambda s: s.width == 0.0, POINT), (lambda s: s.exact, EXACT), (lambda s: s.fingers > 1, TWO)):
+        assert np.mean([holds(one) for one in drawn]) == approx(share, abs=4.0 * np.sqrt(share * (1 - share) / 600))
+    for more in VARIED:
+        radius = {"spread.radius=0.006": 6e-3, "spread.radius=0.01": 10e-3}.get(more[0] if more else "", 8e-3)
+        assert {s.width for s in drawn if s.more == more} == {0.0, 2.0 * radius}
+
+
+@pytest.mark.parametrize("fingers", [1, 2])
+def test_each_variation_reaches_the_nodes_of_each_finger(folder, fingers):
+    for more in VARIED[1:]:
+        setting = Setting("plane", 0, fingers=fingers, more=more)
+        graph = launch(setting, folder, 0.1).load()
+        node, _, rest = more[0].partition(".")
+        key, _, value = rest.partition("=")
+        names = {"contact": ["contact"] if fingers == 1 else ["joint"]}.get(node, [node + tag for tag in setting.tags])
+        for name in names:
+            found = graph.nodes[name].settings[key]
+            assert found == (value if isinstance(found, str) else float(value))
 
 
 def test_a_patch_wider_than_the_body_is_noted_on_a_rigid_body(folder):

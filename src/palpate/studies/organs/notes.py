@@ -23,7 +23,7 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.studies.organs.bounds.side import EVERY, MOVES
 from palpate.studies.organs.runs import launch
 from palpate.studies.organs.touches import Touch
-from palpate.studies.organs.trace import LEAST_FORCE, PATCH, Trace, length
+from palpate.studies.organs.trace import LEAST_FORCE, Trace, length
 
 DEEP = 0.1  # [m] of the search for the other side
 WIDER = "wider than the organ"  # in the note of `nodes.spread`
@@ -46,8 +46,8 @@ def _exceeds_thickness(trace: Trace, _: Mesh) -> bool:
     return bool(trace["contact.indentation"][k] > _thickness(foot, normal, trace.closest))
 
 
-def _is_narrow(_: Trace, mesh: Mesh) -> bool:
-    return bool(0.5 * float(np.sort(np.ptp(mesh.vertices, axis=0))[1]) < PATCH)
+def _is_narrow(trace: Trace, mesh: Mesh) -> bool:
+    return bool(0.5 * float(np.sort(np.ptp(mesh.vertices, axis=0))[1]) < trace.rest.radius)
 
 
 def _jumps(trace: Trace, _: Mesh) -> bool:

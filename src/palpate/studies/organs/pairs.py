@@ -29,7 +29,8 @@ from palpate.physics.device.falcon import HOME
 from palpate.physics.errors import PalpateError
 from palpate.studies.organs.runs import Traces, run
 from palpate.studies.organs.score import Score
-from palpate.studies.organs.search import WITH_BASIS, Found
+from palpate.studies.organs.search import Found
+from palpate.studies.organs.settings import WITH_BASIS
 from palpate.studies.organs.touches import Finger, Setting, Touch, draw_touch, reachable
 from palpate.studies.organs.zoo import COARSE, FINE, USUAL, Specimen
 

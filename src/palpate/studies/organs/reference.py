@@ -49,7 +49,6 @@ strain, so that a finger that is pushed on compresses only itself."""
 LONGEST = 50e-3  # [m] approach up to which forces are known
 MOST = 1e30  # [N]
 TOUCHING = 1e-6  # [N] of a finger that only marks a place
-RADIUS = 8e-3  # [m] of the patch
 LAGS = {"BeamBundle": lag_of_beams, "ReducedFE": lag_of_half_space}  # of bodies with a memory of the place
 LEFT = 0.5
 """[1] of L x s2 with friction that is left at least: in a ball at 0.4 m/s, 63 % of the radius deep, (1 - L) s2 without
@@ -76,6 +75,11 @@ class AtRest:
         self.compressions = np.linspace(0.0, LONGEST, 4001)
         rows = [elastic(s, int(kind), first, second, radius) for s in self.compressions]
         self.forces, self.tangents = np.minimum(np.array(rows).T, MOST)
+
+    @property
+    def radius(self) -> float:
+        """[m] of the patch."""
+        return self.spread.radius
 
     @property
     def remembers(self) -> float:
@@ -121,7 +125,7 @@ class AtRest:
 
     def lags(self, slide: float) -> float:
         """1 - L [1] at a speed [m/s] along the surface."""
-        return 0.0 if self._lags is None else float(np.interp(slide * self.retardation / RADIUS, *self._lags))
+        return 0.0 if self._lags is None else float(np.interp(slide * self.retardation / self.radius, *self._lags))
 
     def place(self, foot: np.ndarray, normal: np.ndarray, rubs: np.ndarray | None = None) -> Place:
         """The body at a point of the surface [m] (3) along its normal [1] (3), under a force with friction of this

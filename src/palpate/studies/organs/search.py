@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,17 +15,11 @@ from palpate.studies.organs.invariants import score_touch
 from palpate.studies.organs.notes import collect_notes, reasons
 from palpate.studies.organs.runs import lanes_of, run
 from palpate.studies.organs.score import Score
-from palpate.studies.organs.touches import ORIENTATIONS, Finger, Setting, Touch, draw_touch, reachable
+from palpate.studies.organs.settings import ROUGH, draw_settings, paired
+from palpate.studies.organs.touches import Finger, Touch, draw_touch, reachable
 from palpate.studies.organs.trace import Trace, trace_batch
-from palpate.studies.organs.zoo import COARSE, USUAL, Specimen
+from palpate.studies.organs.zoo import Specimen
 
-BODIES = ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
-WITH_BASIS = ("ReducedFE",)
-"""Bodies that need a basis of the surface; only the bases that ship are used."""
-RATES = {250.0: 0.1, 500.0: 0.1, 1000.0: 0.45, 2000.0: 0.15, 5000.0: 0.12, 10000.0: 0.08}  # [Hz] and their shares
-FRICTION = {"LuGre": 0.5, "ElastoPlastic": 0.15, "Coulomb": 0.15, "": 0.2}
-TWO = 0.1  # share of batches with two fingers
-ROUGH = 0.3  # share of batches on a coarse mesh
 BATCH = 60  # touches
 KEPT = 10  # worst touches of each invariant, surface and body
 SHIFT, HURRY = 1.5e-3, 0.3  # [m] [1] by which the local search changes a touch
@@ -106,37 +100,6 @@ def _keep_worst(listed: list[Found], found: Found) -> None:
     del listed[KEPT:]
 
 
-def settings(
-    surfaces: Sequence[Specimen],
-    bodies: Sequence[str],
-    rng: np.random.Generator,
-    rate: float | None = None,
-    rough: float = ROUGH,
-    fingers: int | None = None,
-) -> Iterator[Setting]:
-    """Settings of batches without end: each surface with each body in turn, the rest at random.
-
-    rate     [Hz]; None: at random
-    rough    [1] share of coarse meshes
-    fingers  None: one or two, at random
-    """
-    pairs = _pairs(surfaces, bodies)
-    while pairs:
-        for index in rng.permutation(len(pairs)):
-            specimen, body = pairs[index]
-            coarse, two, turn = rng.uniform() < rough, rng.uniform() < TWO, rng.integers(len(ORIENTATIONS))
-            yield Setting(
-                specimen.name, 0 if specimen.patch else COARSE if coarse else USUAL, body,
-                str(rng.choice(list(FRICTION), p=list(FRICTION.values()))),
-                rate or float(rng.choice(list(RATES), p=list(RATES.values()))), fingers or 1 + int(two),
-                ORIENTATIONS[turn] if specimen.name == "kidney" else (0.0, 0.0, 0.0),
-            )  # fmt: skip
-
-
-def _pairs(surfaces: Sequence[Specimen], bodies: Sequence[str]) -> list[tuple[Specimen, str]]:
-    return [(s, b) for s in surfaces for b in bodies if s.patch or b not in WITH_BASIS]
-
-
 def run_touches(
     touches: Sequence[Touch], folder: Path, results: Results, threads: int | None = None, notes: bool = False
 ) -> list[dict[str, Score]]:
@@ -192,9 +155,9 @@ def search(
     A setting that the loader or a node refuses is listed in the results.
     """
     results, rng = Results(), np.random.default_rng(seed)
-    pairs = _pairs(surfaces, bodies)
+    pairs = paired(surfaces, bodies)
     batch = min(batch, 1 + count // max(1, len(pairs)))  # every surface is touched
-    for number, setting in enumerate(settings(surfaces, bodies, rng, rate, rough, fingers)):
+    for number, setting in enumerate(draw_settings(surfaces, bodies, rng, rate, rough, fingers)):
         refused = {key for key in results.refused if not results.touches[key]}
         if results.total >= count or len(refused) == len(pairs):
             break
@@ -202,7 +165,7 @@ def search(
             continue
         own = np.random.default_rng((seed, number))
         size = min(batch, lanes_of(setting, 2.5), count - results.total)
-        touches = [replace(draw_touch(setting, own), seed=(seed, number, k)) for k in range(size)]
+        touches = [replace(draw_touch(setting, own, folder), seed=(seed, number, k)) for k in range(size)]
         key = setting.surface, setting.body
         try:
             for touch, found in zip(touches, run_touches(touches, folder, results, notes=notes), strict=True):
@@ -230,7 +193,9 @@ def worsen_touch(
     """
     best, rng, size, unused = start, np.random.default_rng(seed), 1.0, Results()
     for _ in range(rounds):
-        near = [touch for _ in range(4 * batch) if _is_reachable(touch := vary_touch(best.touch, size, rng))][:batch]
+        near = [touch for _ in range(4 * batch) if _is_reachable(touch := vary_touch(best.touch, size, rng), folder)][
+            :batch
+        ]
         if not near:
             break
         try:
@@ -247,9 +212,9 @@ def worsen_touch(
     return best
 
 
-def _is_reachable(touch: Touch) -> bool:
-    closest = touch.setting.closest()
-    return all(reachable(f) and float(closest.find(np.array(f.begin))[3]) > 4.5e-3 for f in touch.fingers)
+def _is_reachable(touch: Touch, folder: Path) -> bool:
+    felt = touch.setting.felt(folder)[1]
+    return all(reachable(f) and float(felt.find(np.array(f.begin))[3]) > 4.5e-3 for f in touch.fingers)
 
 
 def vary_touch(touch: Touch, size: float, rng: np.random.Generator) -> Touch:

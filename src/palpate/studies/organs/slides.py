@@ -15,8 +15,9 @@ import numpy as np
 from palpate.studies.organs.gaps import HIGH, MM
 from palpate.studies.organs.runs import Traces, run
 from palpate.studies.organs.search import Found
+from palpate.studies.organs.settings import varied
 from palpate.studies.organs.touches import Finger, Setting, Touch
-from palpate.studies.organs.widths import WITHIN, on, press_touch, varied, within
+from palpate.studies.organs.widths import WITHIN, on, press_touch, within
 from palpate.studies.organs.zoo import USUAL
 
 FAR = 9 * MM  # [m] from the gap where a slide begins and ends

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from palpate.nodes.base.surface import OPEN
+from palpate.nodes import collision
+from palpate.nodes.base.felt import felt_surface
+from palpate.nodes.base.surface import OPEN, place_mesh
 from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
@@ -47,8 +49,8 @@ class Setting:
     rotation  [rad] of the surface
     friction  node of the law; "": none
     exact     whether the device reports positions without encoder steps
-    width     [m] of the finger; 0: a point, for which the bounds of single touches hold
-    more      further values of `--set`
+    width     [m] of the finger; 0: a point
+    more      further values of `--set`, for nodes of the graph with one finger
     """
 
     surface: str
@@ -83,6 +85,13 @@ class Setting:
 
     def closest(self) -> MeshClosestPoint:
         return _closest(self.surface, self.count or 4 * USUAL, self.rotation)
+
+    def felt(self, folder: Path) -> tuple[Mesh, MeshClosestPoint]:
+        """What a finger of this width touches of the surface at its place; `folder` holds the meshes."""
+        if not self.count or self.width == 0.0:
+            return self.mesh(), self.closest()
+        file = str(write_mesh(self.surface, self.count, folder))
+        return _felt(file, self.position, self.rotation, self.width)
 
 
 @dataclass(frozen=True)
@@ -126,7 +135,7 @@ def surface_sets(setting: Setting, folder: Path) -> list[str]:
     texts = [
         f"scene.surface.surface={name}", f"scene.surface.position={list(setting.position)}",
         f"scene.surface.rotation={list(setting.rotation)}", f"tissue.use=deformation.{setting.body}",
-        f"scene.finger.width={setting.width:g}", *setting.more,
+        f"scene.finger.width={setting.width:g}", *_of_each_finger(setting),
     ]  # fmt: skip
     if setting.count:
         texts.append("scene.surface.file_unit=mm")
@@ -146,6 +155,15 @@ def surface_sets(setting: Setting, folder: Path) -> list[str]:
     return texts
 
 
+def _of_each_finger(setting: Setting) -> list[str]:
+    """The further values of `--set`; two fingers have nodes of their names each, and one contact."""
+    if setting.fingers == 1:
+        return list(setting.more)
+    names = {"contact": ["joint"], "tissue": ["tissue"]}
+    parts = [(text.partition("."), names.get(text.partition(".")[0])) for text in setting.more]
+    return [f"{name}.{rest}" for (node, _, rest), given in parts for name in given or [node + t for t in setting.tags]]
+
+
 @lru_cache(maxsize=8)
 def _placed_surface(surface: str, count: int, rotation: tuple[float, float, float]) -> Mesh:
     mesh = mesh_of(surface, count)
@@ -157,17 +175,37 @@ def _closest(surface: str, count: int, rotation: tuple[float, float, float]) -> 
     return MeshClosestPoint(_placed_surface(surface, count, rotation))
 
 
-def draw_touch(setting: Setting, rng: np.random.Generator) -> Touch:
-    """A random touch of a surface that begins outside of it, within reach of the device."""
+def touched_surface(node: collision.Mesh) -> Mesh:
+    """The surface of a node as it is loaded: a coarse mesh is refined, and what the finger cannot enter is bridged
+    (`widths` has the bounds of bridges)."""
+    felt = felt_surface(node, node.width).felt
+    return node.mesh() if felt is None else place_mesh(felt.mesh, node.position, node.rotation)
+
+
+@lru_cache(maxsize=32)
+def _felt(
+    file: str, position: tuple[float, float, float], rotation: tuple[float, float, float], width: float
+) -> tuple[Mesh, MeshClosestPoint]:
+    mesh = touched_surface(
+        collision.Mesh(surface=file, file_unit="mm", position=position, rotation=rotation, width=width)
+    )
+    return mesh, MeshClosestPoint(mesh)
+
+
+def draw_touch(setting: Setting, rng: np.random.Generator, folder: Path | None = None) -> Touch:
+    """A random touch of a surface that begins outside of it, within reach of the device.
+
+    folder  of the meshes; None: of the bare surface, as by a point
+    """
+    mesh, closest = (setting.mesh(), setting.closest()) if folder is None else setting.felt(folder)
     for _ in range(TRIES):
-        touch = _draw_touch(setting, rng)
+        touch = _draw_touch(setting, mesh, closest, rng)
         if all(map(reachable, touch.fingers)):
             break
     return touch
 
 
-def _draw_touch(setting: Setting, rng: np.random.Generator) -> Touch:
-    mesh, closest = setting.mesh(), setting.closest()
+def _draw_touch(setting: Setting, mesh: Mesh, closest: MeshClosestPoint, rng: np.random.Generator) -> Touch:
     areas = np.linalg.norm(mesh.face_vectors, axis=1)
     if specimen_of(setting.surface).patch in OPEN:  # far from its border, beyond which a finger touches nothing
         inner = 0.25 * np.ptp(mesh.vertices, axis=0).max()

@@ -15,7 +15,7 @@ from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.proxy import EASY
 from palpate.studies.organs.reference import FORCES, AtRest, Place, at_rest
 from palpate.studies.organs.runs import Traces
-from palpate.studies.organs.touches import THICKNESS
+from palpate.studies.organs.touches import THICKNESS, touched_surface
 
 PAST = 60e-3  # [s] of approach and rate that explain a force
 SMOOTH, SUDDEN = 2e-3, 0.5e-3  # [s] over which the rate of approach, and that of the normal, are measured
@@ -183,12 +183,13 @@ class Trace:
     @cached_property
     def rolls(self) -> np.ndarray:
         """The greatest rate [m/s] (T) of the last `PAST` at which a patch that rolls over a rim indents another face:
-        e (omega - u/PATCH), omega being the rate at which the normal turns, at most the speed over LEAST_CURVATURE."""
+        e (omega - u/R), R being the radius of the patch and omega the rate at which the normal turns, at most the speed
+        over LEAST_CURVATURE."""
         n, normal, speed = self.ticks(SUDDEN), self["contact.normal"], length(self["finger.velocity"])
         before = np.concatenate([np.repeat(normal[:1], n, axis=0), normal])[: len(normal)]
         omega = np.minimum(length(normal - before) / (n * self.step), greatest(speed, n) / LEAST_CURVATURE)
         deep = np.where(self["contact.force"] > 0.0, np.maximum(THICKNESS - self["collision.gap"], 0.0), 0.0)
-        return greatest(deep * np.maximum(omega - self.slips / PATCH, 0.0), self.ticks(PAST))
+        return greatest(deep * np.maximum(omega - self.slips / self.rest.radius, 0.0), self.ticks(PAST))
 
     @cached_property
     def visited(self) -> list[int]:
@@ -273,10 +274,10 @@ def extent(vectors: np.ndarray, ticks: int) -> np.ndarray:
 
 
 def _surface(traces: Traces) -> MeshClosestPoint:
-    """The nearest point of the surface as it is loaded: a coarse mesh is refined."""
+    """The nearest point of the surface that the finger touches."""
     if not traces.setting.count:
         return traces.setting.closest()
-    return MeshClosestPoint(Mesh(**traces.nodes["collision"]).mesh())
+    return MeshClosestPoint(touched_surface(Mesh(**traces.nodes["collision"])))
 
 
 def trace_batch(runs: Sequence[Traces]) -> list[list[Trace | None]]:

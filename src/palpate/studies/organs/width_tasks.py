@@ -15,7 +15,8 @@ from palpate.physics.errors import PalpateError
 from palpate.studies.kept import adding_lines, kept_lines
 from palpate.studies.organs import widths
 from palpate.studies.organs.score import Score
-from palpate.studies.organs.search import WITH_BASIS, Found
+from palpate.studies.organs.search import Found
+from palpate.studies.organs.settings import WITH_BASIS
 from palpate.studies.organs.slides import slides
 from palpate.studies.organs.touches import Finger, Setting, Touch
 from palpate.studies.organs.zoo import GAPPED, Specimen

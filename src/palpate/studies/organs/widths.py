@@ -40,7 +40,6 @@ from palpate.studies.organs.gaps import (
     HIGH,
     MM,
     force_left,
-    layers_of,
     name_of_cut,
     plane_of,
 )
@@ -49,11 +48,11 @@ from palpate.studies.organs.reference import at_rest
 from palpate.studies.organs.runs import Traces, run
 from palpate.studies.organs.score import Score
 from palpate.studies.organs.search import Found
+from palpate.studies.organs.settings import WIDTH, varied
 from palpate.studies.organs.touches import THICKNESS, Finger, Setting, Touch, reachable
 from palpate.studies.organs.trace import LEAST_FORCE
 from palpate.studies.organs.zoo import USUAL, Specimen, mesh_of
 
-WIDTH = 16 * MM  # [m]
 NEAR = 12 * MM  # [m] from a gap within which a finger presses
 CLOSE = 3 * MM  # [m] within which half of the touches are
 FREE = 12 * MM  # [m] of the body below the finger, without another side
@@ -69,18 +68,6 @@ SEAMS = {
 }  # fmt: skip
 """The plane of a gap, its normal [1] (3) and distance from the origin [m], by body."""
 TRIES = 400
-VARIED: tuple[tuple[str, ...], ...] = (
-    (), ("device.mass=0.1",), ("device.mass=0.4",), ("device.hand_stiffness=250",), ("device.hand_stiffness=1000",),
-    ("contact.finger_law=hertz",), ("contact.finger_law=power",), ("spread.radius=0.006",), ("spread.radius=0.01",),
-)  # fmt: skip
-"""Settings that the search for bounds of single touches does not vary; the radius of the patch gives the width."""
-
-
-def varied(setting: Setting, rng: np.random.Generator) -> Setting:
-    """The setting with one of `VARIED`, the width of its patch, and layers that fit into the surface."""
-    more = VARIED[rng.integers(len(VARIED))]
-    radius = next((float(one.split("=")[1]) for one in more if one.startswith("spread.radius")), 0.5 * WIDTH)
-    return replace(setting, more=(*more, *layers_of(setting.body, setting.surface)), width=2.0 * radius)
 
 
 def press_touch(setting: Setting, place: np.ndarray, toward: np.ndarray, deep: float) -> Touch:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.errors import ArgumentError
-from palpate.studies.organs.search import FRICTION, RATES
+from palpate.studies.organs.settings import FRICTION, RATES
 from palpate.studies.organs.touches import ORIENTATIONS, Setting, draw_touch
 from palpate.studies.organs.zoo import COARSE, USUAL
 from palpate.studies.relations.relation import Case

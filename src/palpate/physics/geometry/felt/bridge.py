@@ -277,9 +277,7 @@ def _middles(mesh: Mesh, triangles: np.ndarray) -> np.ndarray:
     return np.asarray(mesh.vertices[mesh.triangles[triangles]].mean(axis=1))
 
 
-def _describe(
-    felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, under: np.ndarray, touchable: np.ndarray
-) -> Felt:
+def _describe(felt: Mesh, origin: np.ndarray, body: MeshClosestPoint, under: np.ndarray, touchable: np.ndarray) -> Felt:
     """The felt surface; `under` [m] (n,3): the points of the body that no ball touches."""
     mesh = body.mesh
     kept, of_plug = np.flatnonzero(touchable), np.flatnonzero(origin < 0)

@@ -50,13 +50,12 @@ def organs(
     from palpate.studies.organs.pairs import compare_pairs
     from palpate.studies.organs.pictures import draw_touches
     from palpate.studies.organs.report import plain, text, write_report
-    from palpate.studies.organs.search import BODIES, Results, search, worsen_touch
+    from palpate.studies.organs.search import Results, search, worsen_touch
+    from palpate.studies.organs.settings import choose_bodies
     from palpate.studies.organs.width_tasks import compare_widths
     from palpate.studies.organs.zoo import choose_specimens
 
-    if unknown := [name for name in body or () if name not in BODIES]:
-        raise ArgumentError(f"--body: found {', '.join(unknown)}, expected some of {', '.join(BODIES)}")
-    surfaces, bodies = choose_specimens(surface), body or BODIES
+    surfaces, bodies = choose_specimens(surface), choose_bodies(body)
     check_folder(out)
     meshes = (out / "meshes").absolute()
     with StageBars(silent=as_json) as bars:
