@@ -274,7 +274,7 @@ def test_the_rate_of_the_gap_changes_little_where_the_nearest_face_changes():
     gap = mesh_run(box(0.04, 0.012), path, 4e-3, dt)[:, 8]
     slides = path[2:, 2] == path[:-2, 2]
     sudden = np.abs(np.diff(gap, 2) / dt)[slides]
-    assert 0.01 < sudden.max() < 0.06  # [m/s]; 0.1 mm in `ARRIVES` are 0.02
+    assert 1e-3 < sudden.max() < 0.01  # [m/s]; 0.1 mm in `ARRIVES`, at once, are 0.02
     assert -5e-4 < gap[-1] < -1e-4  # towards the 0.1 mm of the side at last, from 1.4 mm
 
 

@@ -71,7 +71,8 @@ def test_touches_that_broke_an_invariant_break_none(touch, folder):
     l-shape and groove; a fast finger at the rim of a plate and through a thin ring; a slide with friction round a ball;
     a second finger under which the first one lifts the surface; two fingers that rub the same beams of a groove; a foot
     inside a block from whose top the patch passes to a wall; a finger that leaves a plate or a ring and turns round; a
-    foot that leads the finger; the foot of the smooth surface, which is between two faces.
+    foot that leads the finger; the foot of the smooth surface, which is between two faces; a foot that stops where its
+    target leaps, on a rigid body with a viscous fingertip.
     """
     results = Results()
     (found,) = run_touches([touch], folder, results)

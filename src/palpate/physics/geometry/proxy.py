@@ -28,6 +28,8 @@ distance to the target, along the chord. A foot that trails its target follows i
 moves that fast. It covers at most the larger share of (its largest motion)/`LANDING` and dt/`ARRIVES` of the distance,
 so that it does not stop abruptly, and a foot that starts to trail reaches these speeds within `LANDING` or `ARRIVES`,
 because the tissue resists a patch at once; if its target leaps back behind it, it first stops in that time, on its way.
+A foot that was at its target when that leapt does not stop either: it coasts on, less and less within that time, and so
+does the rate of the gap.
 The gap is that of the target, but within
 
     g + n.dp - REGAIN |dp|  <=  gap  <=  g + |dp|,
@@ -37,7 +39,8 @@ changes by at most (F' + F/(SUDDEN e)) |dp|, F' = dF/de; the approach is at most
 out of a thin body; and it grows without work of the hand by at most `REGAIN` or `BENT` times |dp|. The rate of the gap
 is also continuous, because a viscous body responds to it: while the foot trails a target that leapt, the gap changes by
 n.dp, as for a foot at rest, and then as that of the target; and it covers the larger share of |dp|/`LANDING` and
-dt/`ARRIVES` of the difference to it. A foot that the nearest point does not outrun is the nearest point exactly.
+dt/`ARRIVES` of the difference to it, less while the foot starts. The rate of a gap that rises to the true one begins
+and ends within these lengths or times, too. A foot that the nearest point does not outrun is the nearest point exactly.
 """
 
 import numpy as np
@@ -53,6 +56,7 @@ from palpate.physics.geometry.nurbs import normal_of
 from palpate.physics.geometry.phong import smooth_foot
 from palpate.physics.geometry.pseudonormal import face_normal, signed_distance
 from palpate.physics.geometry.search.foot import set_values, values_of
+from palpate.physics.geometry.trailing import keep_step, next_pace, rest, rise, stay, trail
 
 JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3
@@ -76,7 +80,6 @@ REGAIN, BENT = 0.2, 0.5
 """[1] Limit of the growth of the approach without work of the tool, over the tool's motion: while the foot trails its
 target, and else, where interpolated normals of a mesh differ from the direction of the nearest point by up to 45°."""
 BORDER_EXCESS = 1e-6  # [1] Relative excess of the distance over the gap from which the tool is past a border
-STOPPED = 1e-9  # [1] Pace of a foot that trails and starts again
 ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
 STILL = 1e-9  # [m] Motion of a tool below which it counts as this; rounding of the nearest point
 FAR_BEYOND = 20e-3  # [m] Distance from the body at which the side of entry is forgotten
@@ -86,7 +89,8 @@ OUT, IN, LEAVES = range(3)
 MEMORY = {
     "started": bool, "side": int, "gap": (), "tool": (3,), "foot": (3,), "normal": (3,), "place": (2,),
     "triangle": int, "shown": int, "border": bool, "thickness": (),
-    "behind": (), "passed": bool, "off": (), "pace": (), "step": (3,), "turned": (3,),
+    "behind": (), "passed": bool, "off": (), "pace": (), "step": (3,), "turned": (3,), "coast": (3,), "drift": (),
+    "rising": (),
 }  # fmt: skip
 """
 started    whether a last step exists
@@ -100,7 +104,10 @@ passed     whether the nearest point is on another side
 off        gap of the target minus gap [m]
 pace       share of its greatest speed that a foot has reached since its target leapt, or -1: it trails for another
            reason
-step, turned  motion of a foot that trails [m], and change of its normal [1]; 0: it does not trail
+step, turned  motion of the foot [m], and change of its normal [1]
+coast      motion [m] that is left to a foot that was at its target when that leapt
+drift      change of the gap [m] in a step beyond that of a foot at rest
+rising     share [1] of the tool's motion by which the gap of one that leaves a thin body rises
 """
 
 
@@ -188,81 +195,13 @@ def _held_gap(p: Vector3, memory: Record):
 
 
 @kernel
-def _stay(memory: Record, gap: float, foot: Record):
-    """Copy the last foot into `foot`, with this gap."""
-    foot.distance = gap
-    for k in range(3):
-        foot.point[k], foot.normal[k] = memory.foot[k], memory.normal[k]
-
-
-@kernel
-def _move(share: float, memory: Record, foot: Record):
-    """The last foot and its normal, changed by a share of `step` and `turned`, into `foot`."""
-    size = 0.0
-    for k in range(3):
-        foot.point[k] = memory.foot[k] + share * memory.step[k]
-        foot.normal[k] = memory.normal[k] + share * memory.turned[k]
-        size += foot.normal[k] ** 2
-    size = np.sqrt(size)
-    for k in range(3):
-        foot.normal[k] /= size
-
-
-@kernel
-def _keep_step(memory: Record, foot: Record):
-    """Keep the way from the last foot to `foot` as a step."""
-    for k in range(3):
-        memory.step[k] = foot.point[k] - memory.foot[k]
-        memory.turned[k] = foot.normal[k] - memory.normal[k]
-
-
-@kernel
-def _rest(memory: Record):
-    """Forget the last step of a foot that does not trail."""
-    for k in range(3):
-        memory.step[k] = memory.turned[k] = 0.0
-
-
-@kernel
-def _share_on(slower: float, most: float, turn: float, memory: Record, foot: Record):
-    """The share of its last step that a foot moves on before it turns round to the target `foot` behind it; -1: that is
-    not behind. The step is shorter by `slower` [m] and at most `most` [m], and the normal turns by at most `turn`."""
-    along = square = turned = 0.0
-    for k in range(3):
-        along += (foot.point[k] - memory.foot[k]) * memory.step[k]
-        square += memory.step[k] ** 2
-        turned += memory.turned[k] ** 2
-    if not along < 0.0:
-        return -1.0
-    length, turned = np.sqrt(square), np.sqrt(turned)
-    share = min(max(length - slower, 0.0), most) / length
-    return min(share, turn / turned) if turned > 0.0 else share
-
-
-@kernel
-def _trail(share: float, slower: float, most: float, turn: float, memory: Record, foot: Record):
-    """Move the last foot by a share of the way to its target `foot`, into `foot`; but if the target has leapt back
-    behind it, on along its way, see `_share_on`."""
-    x, y, z = vector(foot.point)
-    on = _share_on(slower, most, turn, memory, foot) if memory.pace > 0.0 else -1.0
-    if on < 0.0:
-        _keep_step(memory, foot)
-    else:
-        memory.pace = STOPPED
-    _move(share if on < 0.0 else on, memory, foot)
-    _keep_step(memory, foot)
-    a, b, c = x - foot.point[0], y - foot.point[1], z - foot.point[2]
-    memory.behind = np.sqrt(a * a + b * b + c * c)
-
-
-@kernel
 def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, memory: Record):
     """Move the last foot towards the target `foot`, as far as the motion of the tool allows, into `foot`.
 
     moved [m] of the tool;  held [m] the gap if the foot does not move;  dt [s]
     """
     deep, behind, off, target, least = memory.thickness - memory.gap, memory.behind, memory.off, foot.distance, -np.inf
-    start, memory.behind, pace, memory.pace, trails = target, 0.0, memory.pace, 0.0, False
+    start, memory.behind, pace, memory.pace, trails, catches = target, 0.0, memory.pace, 0.0, False, 1.0
     if off != 0.0:  # the motion of the target
         start = memory.gap + min(max(target - (memory.gap + off), -moved), moved)
     if deep > 0.0:
@@ -277,14 +216,13 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, me
         longest, motion = min(AHEAD * moved, easy) + STILL, max(move - behind, 0.0)
         most = longest
         ramp = max(moved / LANDING, dt / ARRIVES)
-        if motion > AHEAD * moved + STILL:  # the target leaps: the foot starts again to this part of the distance
-            pace = min(abs(pace) * behind / move + ramp, 1.0)
+        fade = 1.0 - abs(pace)
+        leaps = motion > AHEAD * moved + STILL
+        pace = next_pace(leaps, pace, behind / move if leaps else behind, ramp, memory)
+        if leaps:
             most *= pace
         elif behind > 0.0:
-            pace = min(pace + ramp, 1.0) if pace > 0.0 else pace
             most = min(most, motion + abs(pace) * FASTEST * dt + STILL)
-        else:
-            pace = -1.0
         most_turned = (moved + STILL) / max(SUDDEN * deep, SHARPEST)
         if memory.gap < 0.0:
             most_turned = min(most_turned, (easy + STILL) / -memory.gap)
@@ -292,15 +230,24 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, me
         if behind > 0.0:  # the motion of the target, and a part of the distance
             part = min(max(most / LANDING, dt / ARRIVES), 1.0)
             share = min(share, (motion + behind * part) / max(move, STILL))
-        least = held - (REGAIN if share < 1.0 else BENT) * moved
+        regains = (REGAIN if share < 1.0 else BENT) * moved
         if (1.0 - share) * move > ROUNDING:
-            start, memory.pace, trails = held if pace > 0.0 else start, pace, True
-            _trail(share, ramp * FASTEST * dt, longest, most_turned, memory, foot)
-    if not trails:
-        _rest(memory)
+            memory.pace, trails = pace, True
+            fade = max(1.0 - pace, 0.0) / fade if pace > 0.0 and fade > 0.0 else 0.0
+            trail(share, fade, ramp * FASTEST * dt, longest, most_turned, memory, foot)
+            if pace > 0.0:
+                start, catches = held + memory.drift, pace
+                regains = max(regains, min(-memory.drift, BENT * moved))
+        least = held - regains
     # the gap: from `start`, a part of the difference to the target
-    gap = start + min(max(moved / LANDING, dt / ARRIVES), 1.0) * (target - start) if start != target else target
+    part = catches * min(max(moved / LANDING, dt / ARRIVES), 1.0)
+    gap = start + part * (target - start) if start != target else target
     gap = max(min(max(gap, memory.gap - moved), memory.gap + moved), least)
+    if not trails:
+        rest(memory)
+        if deep > 0.0:
+            keep_step(memory, foot)
+            memory.drift = gap - held
     memory.off = target - gap if abs(target - gap) > ROUNDING else 0.0
     foot.distance = gap
 
@@ -313,21 +260,27 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
     exists  whether `foot` is the target; else no target exists. Returned: whether the foot moves to one
     """
     if moved < np.inf:
-        held = _held_gap(p, memory)
-        rises = max(moved, FADES * dt)
-        if exists and inside and memory.side == OUT and foot.distance > memory.gap + rises + ROUNDING:
-            # leaves a thin body: the gap rises to the true one first
+        held, rises = _held_gap(p, memory), max(moved, FADES * dt)
+        leaves = exists and inside and memory.side == OUT and foot.distance > memory.gap + rises + ROUNDING
+        if leaves:  # a thin body: the gap rises to the true one first
             memory.side = IN if memory.passed else LEAVES
-            exists, held = False, memory.gap + rises
-        if exists:
+            held = min(
+                held + rise(rises - held + memory.gap, max(moved / LANDING, dt / ARRIVES), memory), memory.gap + rises
+            )
+        elif exists:
+            memory.drift += memory.rising * (rises - held + memory.gap)
+        if exists and not leaves:
+            memory.rising = 0.0
             _approach(p, moved, held, dt, foot, memory)
         else:
-            memory.off = 0.0
-            _stay(memory, held, foot)
-            _rest(memory)
+            drift, memory.off, memory.behind, memory.pace = memory.drift, 0.0, 0.0, 0.0
+            stay(memory, held, foot)
+            rest(memory)
+            memory.drift, memory.rising = (drift, memory.rising) if leaves else (0.0, 0.0)
+            exists = False
     else:
-        memory.off = 0.0
-        _rest(memory)
+        memory.off = memory.rising = 0.0
+        rest(memory)
     memory.started, memory.gap = True, foot.distance
     for k in range(3):
         memory.tool[k], memory.foot[k], memory.normal[k] = p[k], foot.point[k], foot.normal[k]
