@@ -17,6 +17,7 @@ from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, press_on, ride_on
 from palpate.nodes.contact.followed import follow, jumped, renew_factor
+from palpate.nodes.contact.withheld import joins_run, leaps, withhold
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, measure_along, tangents_of
 from palpate.physics.bodies.floating.turning import times_back
 from palpate.physics.bodies.mass_spring import normal_force
@@ -294,6 +295,8 @@ class Between(CompiledNode):
         "held": (3,), "counted": (3,), "given": (3,), "point": (3,), "middle": (3,), "across_normal": ARRAY,
         "late": (), "highest": (), "lost": (),  # [J] work of the contact after its step; its balance, and what it gave
         "steps": int,  # since the start
+        # [m] Gap that is withheld (`withheld`); of both supports the time of the last message and the usual step [s]
+        "withheld": (), "heard": (2,), "usual": (2,),
     }  # fmt: skip
     """The bodies, their contact and their friction; normals [1] and areas [m²] of the candidates, and their
     borders, see `borders.Borders`, and the number of these; openings by all loads
@@ -535,11 +538,15 @@ class Between(CompiledNode):
         if unknown or take_loads(second, again.shape[1] - 1, two, others[1], again, rests, rub.others[1], slid):
             own.fault, own.fault_side = NO_VERTEX, 0 if unknown else 1
             return
+        joins = joins_run(own.steps, first_support) or joins_run(own.steps, second_support)
+        leapt = leaps(own, 0, first_support, first_support.count - 1)
+        leapt = leaps(own, 1, second_support, second_support.count - 1) or leapt
         if rides:
             ride_on(own, pair, rub, first_support, first_support.count - 1, second_support, second_support.count - 1)
         elif carries:
             moved = carry(own, pair, rub, normal, first_support, second_support)
         if carries:
+            withhold(own, pair, rub, joins, leapt, dt)
             renew_factor(pair, follow(own, pair, rub, one, two, dt))
         rubs = len(rub.touched) > 0
         if rubs:

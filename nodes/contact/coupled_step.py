@@ -8,6 +8,7 @@ from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.contact.between import pair_of, rub_of, side_of, spread_forces
 from palpate.nodes.contact.carried import against, end_ride, press_on, ride_on
 from palpate.nodes.contact.followed import follow, jumped, keep_room, renew_matrix
+from palpate.nodes.contact.withheld import joins_run, leaps, withhold
 from palpate.physics.bodies.floating.turning import cross
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
@@ -306,10 +307,14 @@ def rub(own, k, dt):
 def begin(own, loads, supports, dt):
     """Place all contacts, and fill the motion of the organs without the normal forces of this step."""
     sides, changed = integers(own.sides), False
+    joins = joins_run(own.members[own.place].steps, supports)
     for k in range(len(sides)):
         m = own.members[k]
         pair, rubs = pair_of(m.pair), rub_of(m.rub)
+        leapt = leaps(m, 0, supports, sides[k, 0])
+        leapt = leaps(m, 1, supports, sides[k, 1]) or leapt
         ride_on(m, pair, rubs, supports, sides[k, 0], supports, sides[k, 1])
+        withhold(m, pair, rubs, joins, leapt, dt)
         if renew_matrix(pair, follow(m, pair, rubs, side_of(m.one), side_of(m.two), dt)):
             own.renewed += 1
         expect(own, k, loads, supports)

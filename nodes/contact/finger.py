@@ -59,6 +59,12 @@ def depth_of(proximity):
     return proximity.approach - proximity.separation
 
 
+@kernel
+def regained(withheld, dt):
+    """What is left [m] of a withheld approach after a step of dt [s]."""
+    return max((withheld - CATCH_UP * dt) / (1.0 + dt / RETURN), 0.0)
+
+
 @ieee_kernel
 def step_length(finger, proximity, dt):
     """Length [s] of the step for the damping: `dt` since the last sample, except after a gap in which the finger
@@ -127,7 +133,7 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
         if not finger.settled and proximity.tick > 0:
             finger.withheld = depth - finger.compression - finger.previous
         elif finger.withheld > 0.0:
-            finger.withheld = (finger.withheld - CATCH_UP * dt) / (1.0 + dt / RETURN)
+            finger.withheld = regained(finger.withheld, dt)
         finger.withheld = max(finger.withheld, 0.0)
         return True, depth - finger.withheld, length, law
     finger.settled, finger.in_step = False, True

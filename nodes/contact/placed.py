@@ -55,8 +55,8 @@ def apart(relative, offset, x, y):
 
 @ieee_kernel
 def search_cell(own, track, cell):
-    """The gap [m] of a cell where both organs are, its normal [1] (3) and place [m] (3) on the other one in the axes of
-    that; its triangles `track.last` are those of the last search near it."""
+    """The gap [m] of a cell where both organs are, with what is withheld of it, its normal [1] (3) and place [m] (3) on
+    the other one in the axes of that; its triangles `track.last` are those of the last search near it."""
     fine = track.fine == 0
     points, foot = floats(own.first_points) if fine else floats(own.second_points), track.foot[0]
     away, facing = 0.0, 0.0
@@ -74,7 +74,7 @@ def search_cell(own, track, cell):
         f0, f1, f2 = f0 + w * f[0], f1 + w * f[1], f2 + w * f[2]
     if facing > FACING:  # the edge of an organ
         away = max(away, own.reach)
-    return away, (n0, n1, n2), (f0, f1, f2)
+    return away + own.withheld, (n0, n1, n2), (f0, f1, f2)
 
 
 @kernel

@@ -48,7 +48,7 @@ def reassign(own, track, pair, rub, one, two):
                 continue
             # gap if the other organ were flat
             d = apart(own.relative, own.offset, vector3(track.place, near), f)
-            gap = (1.0 if fine else -1.0) * (n[0] * d[0] + n[1] * d[1] + n[2] * d[2])
+            gap = (1.0 if fine else -1.0) * (n[0] * d[0] + n[1] * d[1] + n[2] * d[2]) + own.withheld
             if gap < most:
                 cell, neighbour, most = near, k, gap
     if cell < 0:

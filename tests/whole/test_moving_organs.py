@@ -312,6 +312,8 @@ def test_the_ledger_keeps_what_a_contact_of_organs_did_before_it_was_restarted()
     assert ledgers[199].carried[0] == approx(before.carried[0], rel=1e-12)
     assert ledgers[-1].carried[0] == approx(before.carried[0] + after.carried[0], rel=1e-12)
     assert max(each.generated for each in ledgers) < 1e-4
+    assert max(each.force for each in totals[200:]) < 1.5 * before.force  # 21 times in one step
+    assert after.force == approx(before.force, rel=1e-6)
 
 
 @pytest.mark.parametrize("motions, text", [
