@@ -29,6 +29,7 @@ TABLES: dict[str, dict[str, str]] = {
     "launch/run/work/activity.py": {"fields": "fields of /proc/PID/stat, numbered by the kernel of Linux"},
     "nodes/base/contacts.py": {"law": LAW},
     "nodes/contact/carried.py": {
+        "by": MOTION,
         "levers": MOTION,
         "own.sent": MOTION,
         "own.wrench": MOTION,

@@ -4,6 +4,7 @@ import numpy as np
 
 from palpate.compiler.records import floats, nth, put, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
+from palpate.physics.bodies.floating.turning import spin
 from palpate.physics.contact.organs import rigid_motion as rigid
 
 
@@ -86,6 +87,24 @@ def against(own, one, two):
 
 
 @kernel
+def _place_of(ride):
+    """Displacement [m] and rotation [rad] of an organ (2,3)."""
+    return vector(ride.at), vector(ride.turn)
+
+
+@kernel
+def _beyond(own, side, before):
+    """Work [J] of the force and moment that the contact sent to an organ, by its motion from the place `before` beyond
+    the one that the contact expected."""
+    ride, by, (at, turn), work = own.ride[side], own.by[side], before, 0.0
+    about = spin(turn, (ride.turn[0] - turn[0], ride.turn[1] - turn[1], ride.turn[2] - turn[2]))
+    for x in range(3):
+        force = own.sent[x] if side == 0 else -own.sent[x]
+        work += force * (ride.at[x] - at[x] - by[x]) + own.sent[3 + 3 * side + x] * (about[x] - by[3 + x])
+    return work
+
+
+@kernel
 def _cells(own, pair):
     """Fill the directions, levers and gaps of the candidates where both organs are."""
     rigid.place_cells(
@@ -98,24 +117,22 @@ def _cells(own, pair):
 def ride_on(own, pair, rub, first, i, second, j):
     """Move both organs with their foundations, as of message i of an input of supports and message j of another, -1: it
     has none: fills the gaps of the bodies without deformation, and the motion that rubs."""
-    seen, force, work = floats(own.seen), pair.active.force, 0.0
+    seen, work = floats(own.seen), 0.0
     x, y = rigid.placed_back(own.ride[0], vector(own.point)), rigid.placed_back(own.ride[1], vector(own.point))
+    one, two = _place_of(own.ride[0]), _place_of(own.ride[1])
     # the motion by the forces of the last step, against what that step expected
     if _move(own, first, i, second, j, True) or own.floats:
+        work = _beyond(own, 0, one) + _beyond(own, 1, two)
         _cells(own, pair)
         for k in range(len(seen)):
-            by = pair.gap[k] - seen[k]
-            work += force[k] * by
-            pair.opening[k] += by
+            pair.opening[k] += pair.gap[k] - seen[k]
             seen[k] = pair.gap[k]
-        own.late += work
+    own.late += work
+    floats(own.carried)[0] -= work
     moved = _between(own, x, y)
     for k in range(3):
-        way = moved[k] - own.counted[k]
-        work += own.held[k] * way
-        rub.carried[k] += way
+        rub.carried[k] += moved[k] - own.counted[k]
         own.counted[k] = own.given[k] = 0.0
-    floats(own.carried)[0] -= work
     # prescribed motions in this step
     if _move(own, first, i, second, j, False):
         _cells(own, pair)

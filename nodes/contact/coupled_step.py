@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from palpate.compiler.dot import dot
 from palpate.compiler.records import floats, integers, longs, nth, put, unpacking, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.contact.between import pair_of, rub_of, side_of, spread_forces
@@ -378,9 +379,10 @@ def finish(own, k, dt):
         m.counted[x] += by[x]
     if len(rubs.touched) > 0:
         end_rubbing(pair, rubs, own.bears[k], dt)
-    m.late -= jumped(m, pair)
-    keep_room(m, pair)
     whole = end_ride(m, pair, rubs)
+    # work of the friction on the late motion, which it counts, and with a change of the gaps without a motion
+    m.late -= jumped(m, pair) + dot(vector(m.held), vector(own.ways[k, 0]))
+    keep_room(m, pair, rubs)
     first = spread_forces(pair, side_of(m.one), rubs.force[0], 1.0)
     second = spread_forces(pair, side_of(m.two), rubs.force[1], -1.0)
     own.loaded[k, 0], own.loaded[k, 1] = first, second

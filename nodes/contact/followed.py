@@ -131,9 +131,9 @@ def _affordable(own, track, pair, share):
 
 
 @kernel
-def keep_room(own, pair):
+def keep_room(own, pair, rub):
     """After a step between organs that forces move: the energy [J] that the contact lost in it."""
-    lost = pair.past[0].dissipated - pair.past[0].generated - own.late
+    lost = pair.past[0].dissipated - pair.past[0].generated + rub.balance[0].dissipated - own.late
     own.room, own.losses = max(lost - own.losses, 0.0), lost
 
 
