@@ -166,9 +166,11 @@ class Energy(CompiledNode):
                     account, past, i, nth(pose, i).position, nth(force, i).force, touch.normal, touch.force,
                     touch.compression, touch.indentation, along, rubbed,
                 )  # fmt: skip
+                stored = (stored_energy(touch.stored), stored_energy(body.stored), bristles)
                 if stepped:
-                    stored = (stored_energy(touch.stored), stored_energy(body.stored), bristles)
                     ledger.add_finger(account, past, i, along, rubbed, stored)
+                else:
+                    ledger.look_at_finger(account, i, stored)
             elsewhere, given, held, carried, push = of_organs(own, others, between)
             moves = moves or push
             if stepped:

@@ -4,7 +4,8 @@ A part (fingertip, tissue, friction) receives the work W and stores the energy V
 
     D = W - V,    dD >= 0
 
-for every passive part: a decreasing D is generated energy. Over a step that ends at k the works are
+for every passive part: a decreasing D is generated energy. What a part stores at the first look, in a touch, or more
+than before a gap, is work on it that was not seen. Over a step that ends at k the works are
 
     hand        -F_{k-1-d} . dx                       F [N] (3) on the hand, held over the step; d samples of delay
     controller  -(F - G)_{k-1-d} . dx                 G = f_n n + a - f_t, the force of contact and friction
@@ -50,8 +51,10 @@ MOMENT = {
 }  # fmt: skip
 """A finger at the end of a step."""
 MOMENT_TYPE = element_type(MOMENT)
-SUMS = {"hand": (), "asked": (), "rendered": (), "fingertip": (), "tissue": (), "friction": (), "stored": ()}
-"""Sums over the fingers in a step [J]: works, see `_works`, and the energy stored in all parts."""
+SUMS = {
+    "hand": (), "asked": (), "rendered": (), "fingertip": (), "tissue": (), "friction": (), "stored": (), "unseen": (),
+}  # fmt: skip
+"""Sums over the fingers in a step [J]: works, see `_works`, the energy stored in all parts, and `look_at_finger`."""
 
 LEDGER = {
     "accounts": (ORGANS + 1, ACCOUNT), "rows": int,  # rows in use, without `ORGANS`
@@ -72,6 +75,7 @@ def begin(ledger: Record, past: Record, count: int):
     ledger.rows = max(ledger.rows, MORE + 2 * (count - 1))
     sums = ledger.sums  # -0.0 is the neutral element of addition, also for -0.0
     sums.hand = sums.asked = sums.rendered = sums.fingertip = sums.tissue = sums.friction = -0.0
+    sums.unseen = 0.0
     return ledger.moments > 0
 
 
@@ -114,7 +118,34 @@ def add_finger(ledger: Record, past: Record, finger: int, along: Vector3, fricti
     sums.fingertip += tip
     sums.tissue += tissue
     sums.friction += rubbed
+    _add_stored(sums, finger, stored)
+
+
+@kernel
+def look_at_finger(ledger: Record, finger: int, stored: Vector3):
+    """In place of `add_finger` in a moment that ends no step, at the start and after a gap: what fingertip and friction
+    of a finger store more than before is work that was not seen."""
+    further = MORE + 2 * (finger - 1)
+    tip = ledger.accounts[further if finger else FINGERTIP]
+    ledger.sums.unseen += _look(tip, stored[0])
+    ledger.sums.unseen += _look(ledger.accounts[further + 1 if finger else FRICTION], stored[2])
+    _add_stored(ledger.sums, finger, stored)
+
+
+@kernel
+def _add_stored(sums: Record, finger: int, stored: Vector3):
     sums.stored = sums.stored + stored[0] + stored[2] if finger else 0.0 + stored[0] + stored[1] + stored[2]
+
+
+@kernel
+def _look(account: Record, stored: float):
+    """Take what a part stores [J] without a step. Returns what it stores more, as work on it."""
+    more = 0.0
+    if not math.isnan(stored):
+        more = max(stored - _stored_energy(account), 0.0)
+        account.work += more
+        account.stored = stored
+    return more
 
 
 @kernel
@@ -129,7 +160,7 @@ def end(
     ledger: Record, past: Record, stepped: bool, tissue: float, others: float, between: float, held: float,
     carried: float,
 ):  # fmt: skip
-    """End the moment; if it ends a step, after `add_finger` for each finger.
+    """End the moment, after `add_finger` or `look_at_finger` for each finger.
 
     tissue, others [J]  energy stored in the body, and in the organs that touch it; NaN if it is not reported
     between, held [J]   work on their contacts since the start, and energy stored in the bristles there
@@ -137,10 +168,16 @@ def end(
     """
     given, ledger.between = between - ledger.between, between
     lent, ledger.carried = carried - ledger.carried, carried
+    sums = ledger.sums
     if not stepped:
         ledger.moments = 1
+        unseen = sums.unseen + _look(ledger.accounts[TISSUE], tissue + others)
+        _look(ledger.accounts[ORGANS], held)
+        _look(ledger.accounts[DISPLAY], sums.stored + others + held)
+        if unseen > 0.0:
+            ledger.left = -unseen
+            ledger.balance += ledger.left
         return
-    sums = ledger.sums
     hand, asked, rendered = sums.hand, sums.asked, sums.rendered
     _add_step(ledger.accounts[TISSUE], sums.tissue - given + lent, tissue + others)
     _add_step(ledger.accounts[ORGANS], given, held)
