@@ -5,7 +5,9 @@ from functools import partial
 import numpy as np
 
 from palpate.nodes.base import SettingError
-from palpate.nodes.contact.between import Between, GivenBody
+from palpate.nodes.contact.between import Between
+from palpate.nodes.contact.given_bodies import GivenBody
+from palpate.nodes.contact.organ_notes import spacing_notes
 from palpate.nodes.contact.side import Side
 from palpate.physics.bodies.between_bodies import BetweenBody, folded_between
 from palpate.physics.contact.organs.candidates import Candidates
@@ -49,7 +51,7 @@ class Folds(Between):
                 f"Folds: no walls of the surface face each other with a gap of {least} to {1e3 * self.reach:.3g} mm "
                 "(`reach`), so the organ does not touch itself"
             )
-        self._remark_spacing(found)
+        self._notes += spacing_notes("Folds", found)
         how = "" if rubs else "slide on each other without friction, and "
         self._notes.append(
             f"Folds: the walls {how}are linear where they touch: large displacement acts under fingers only"

@@ -10,6 +10,7 @@ from palpate.messages import Load
 from palpate.nodes.base import SettingError
 from palpate.nodes.contact import Between
 from palpate.nodes.contact.folds import Folds
+from palpate.nodes.contact.given_bodies import given_bodies
 from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.studies.organs.gaps import MM, cut_block
 
@@ -57,11 +58,11 @@ def test_two_pieces_of_one_organ_press_on_each_other_as_two_organs(files, fricti
     """A load pulls the first wall across the gap; springs, of which only those under it move."""
     two = started(Between, side(files, "one"), side(files, "two"), friction=friction)
     folded = started(Folds, side(files, "both"), friction=friction)
-    mesh = folded._sides()[0].mesh
+    mesh = given_bodies(folded.bodies)[0].mesh
     seen = []
     for k in range(60):
         push = 2.5 * np.sin(np.pi * k / 59)
-        apart = two.step([near(two._sides()[0].mesh, -0.5 * GAP, push)], [], [], [], dt=1e-3)
+        apart = two.step([near(given_bodies(two.bodies)[0].mesh, -0.5 * GAP, push)], [], [], [], dt=1e-3)
         own = folded.step([near(mesh, -0.5 * GAP, push)], [], [], [], dt=1e-3)
         assert own.force == approx(apart.force, rel=1e-9, abs=1e-12) and own.gap == approx(apart.gap, abs=1e-12)
         assert own.dissipated == approx(apart.dissipated, rel=1e-9, abs=1e-15)

@@ -1,0 +1,86 @@
+"""Arrays of a contact of organs whose candidates follow where these slide (`followed`): room for any cells."""
+
+from typing import Any
+
+import numpy as np
+
+from palpate.physics.bodies.between_bodies import measure_along
+from palpate.physics.contact.organs import following
+from palpate.physics.contact.organs.between_rows import SPRINGS, Law
+from palpate.physics.contact.organs.candidates import Candidates
+from palpate.physics.geometry.mesh import Mesh
+
+
+def make_follow(node: Any, found: Candidates, meshes: tuple[Mesh, Mesh], laws: tuple[Law, Law]) -> None:
+    """Let the candidates of a `Between` follow when the organs, of these meshes and laws, slide on each other."""
+    node.hold("track", track := following.track(found, *meshes))
+    node.hold("tangents", np.zeros((2, 3)))
+    _free_borders(node, track)
+    for side, name, law, slides in zip(
+        ("one", "two"), ("first", "second"), laws, (found.swapped, not found.swapped), strict=True
+    ):  # fmt: skip
+        node.hold(f"{name}_law", law)
+        if law.kind == SPRINGS:
+            _free_springs(node, side)
+        if not slides:
+            _free_cells(node, side, track)
+        else:
+            _free_shares(node, side, track)
+            one, two = found.first.place, found.second.place
+            places = (two, one) if found.swapped else (one, two)
+            matrix, drags, tangents = (node._held[key] for key in (f"pair.{name}", f"rub.{name}", "rub.tangents"))
+            measure_along(law, matrix, drags, places, found.normal, tangents[0], found.area)
+
+
+def _free_springs(node: Any, side: str) -> None:
+    """Terminals at all vertices of a body of springs."""
+    used, size = node._held[f"{side}.weights"][:, 0] > 0.0, len(node._held[f"{side}.corners"])
+    for name in ("response", "aside"):
+        kept = node._held[f"{side}.{name}"]
+        if kept.size:
+            every = np.zeros((size, 3, kept.shape[1]))
+            every[used] = kept.reshape(-1, 3, kept.shape[1])
+            node._hold(node.own[side], name, every.reshape(3 * size, -1), f"{side}.{name}")
+    corners = np.zeros((size, 3), np.int64)
+    corners[:, 0] = np.arange(size)
+    for name, value in (
+        ("corners", corners), ("gathered", np.zeros((size, 3))), ("touched", np.zeros((2, size), np.int64)),
+    ):  # fmt: skip
+        node._hold(node.own[side], name, value, f"{side}.{name}")
+
+
+def _free_borders(node: Any, track: following.Track) -> None:
+    """Room for the borders of candidates in any cells."""
+    most = np.sort(np.diff(track.near_at))[-len(track.cell) :].sum() // 2
+    for name, value in (("borders", np.zeros((most, 2), np.int64)), ("strips", np.zeros(most))):
+        kept = node._held[name]
+        value[: len(kept)] = kept
+        node.hold(name, value)
+
+
+def _free_cells(node: Any, side: str, track: following.Track) -> None:
+    """The shares of all cells of the surface on which the candidates stay, and room for the load of any."""
+    count, most = len(track.cell), int(np.diff(track.begins).max())
+    used = min(len(track.vertices), count * most)
+    for name, value in (
+        ("begins", track.begins[:count].copy()), ("ends", track.begins[1 : count + 1].copy()),
+        ("vertices", track.vertices.copy()), ("shares", track.weights.copy()),
+        ("nodes", np.zeros(used, np.int32)), ("forces", np.zeros((used, 3))),
+    ):  # fmt: skip
+        node._hold(node.own[side], name, value, f"{side}.{name}")
+
+
+def _free_shares(node: Any, side: str, track: following.Track) -> None:
+    """Room for the shares of candidates on the body over which they slide: three for each vertex of any cell."""
+    count, size = len(track.cell), len(node._held[f"{side}.corners"])
+    begins = 3 * int(np.diff(track.begins).max()) * np.arange(count + 1)
+    ends = begins[:-1] + np.diff(node._held[f"{side}.begins"])
+    vertices, shares = np.zeros(begins[-1], np.int64), np.zeros(begins[-1])
+    at = np.concatenate([np.arange(*each) for each in zip(begins, ends, strict=False)])
+    vertices[at], shares[at] = node._held[f"{side}.vertices"], node._held[f"{side}.shares"]
+    used = min(size, len(vertices))
+    for name, value in (
+        ("begins", begins), ("ends", ends), ("vertices", vertices), ("shares", shares),
+        ("nodes", np.zeros(used, np.int32)), ("forces", np.zeros((used, 3))),
+    ):  # fmt: skip
+        node._hold(node.own[side], name, value, f"{side}.{name}")
