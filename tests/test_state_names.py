@@ -75,6 +75,9 @@ TABLES: dict[str, dict[str, str]] = {
     "src/palpate/physics/bodies/floating/mobility.py": {"expected": MOTION},
     "src/palpate/physics/contact/organs/coupled.py": {"out": MOTION, "wrench": MOTION},
     "src/palpate/physics/contact/organs/pivoting.py": {"active.room": "rows of a workspace"},
+    "src/palpate/physics/contact/organs/rubbing_patch.py": dict.fromkeys(
+        ("drags", "out"), "four candidates, row by row"
+    ),
     "src/palpate/physics/contact/organs/rigid_motion.py": {
         "by": MOTION,
         "expected": MOTION,

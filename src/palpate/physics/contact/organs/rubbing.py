@@ -78,7 +78,7 @@ class Rubbing(NamedTuple):
     mobile  [m/N] (3,3)        M, mobility of both organs on their foundations, with `carried` that without friction;
                                (0,0): they do not move by their contact
     answer  [N] (3)            F of `solve_rubbing`;  plane [1] (3,3) P
-    block (3,3), matrix, given  workspaces
+    block (3,3), matrix, given, along (2m), listed (m)  workspaces
     """
 
     axes: Annotated[np.ndarray, "<f8", 3]
@@ -104,6 +104,8 @@ class Rubbing(NamedTuple):
     block: Annotated[np.ndarray, "<f8", 2]
     matrix: Annotated[np.ndarray, "<f8", 3]
     given: Annotated[np.ndarray, "<f8", 3]
+    along: Annotated[np.ndarray, "<f8", 1]
+    listed: Annotated[np.ndarray, "<i8", 1]
     law: Annotated[np.ndarray, LAW_TYPE, 1]
     balance: Annotated[np.ndarray, BALANCE_TYPE, 1]
 
@@ -121,7 +123,8 @@ def rubbing(
         np.ascontiguousarray(second), np.zeros((2, 2 * size)), np.zeros((2, 2 * size)), np.zeros((2, 2 * size)),
         np.zeros(3), np.zeros((2, size, 3)), np.zeros(size, np.int64), np.zeros((2, 3)), np.zeros(3), np.zeros((2, 3)),
         np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((0, 0)), np.zeros(3), np.zeros((3, 3)),
-        np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros((2, 3, 4)), law, np.zeros(1, BALANCE_TYPE),
+        np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros((2, 3, 4)), np.zeros(2 * size), np.zeros(size, np.int64), law,
+        np.zeros(1, BALANCE_TYPE),
     )  # fmt: skip
 
 

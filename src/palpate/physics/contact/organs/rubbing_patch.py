@@ -107,25 +107,39 @@ def spread(pair: Pair, rub: Record, total: float, dt: float):
             j = active.order[k]
             rub.touched[j] = 1
             weight = active.force[j] / total if body == 1 else -active.force[j] / total
-            for a in range(2):
-                along = weight * dot(whole, vector3(tangents[a], j))
-                for x in range(3):
-                    force[j, x] += along * tangents[a, j, x]
-                row = drags[(a + 1) * size + j]
-                for i in range(2 * size):
-                    moved[i] += share * along * row[i]
+            u, v = weight * dot(whole, vector3(tangents[0], j)), weight * dot(whole, vector3(tangents[1], j))
+            for x in range(3):
+                force[j, x] += u * tangents[0, j, x]
+                force[j, x] += v * tangents[1, j, x]
+            one, two, u, v = drags[size + j], drags[2 * size + j], share * u, share * v
+            for i in range(2 * size):
+                moved[i] = (moved[i] + u * one[i]) + v * two[i]
 
 
 @kernel
 def open_by_friction(rub: Record, others: Matrix):
     """Add to `others` [m] (2,m) the opening of the candidates by the friction of the last step (E. Betti)."""
-    size = len(rub.touched)
+    size, listed, along, count = len(rub.touched), rub.listed, rub.along, 0
+    for j in range(size):
+        if rub.touched[j] != 0:
+            listed[count] = j
+            count += 1
     for body in range(2):
-        drags = rub.first if body == 0 else rub.second
-        for j in range(size):
-            if rub.touched[j] == 0:
-                continue
+        drags, out = rub.first if body == 0 else rub.second, others[body]
+        for k in range(count):
             for a in range(2):
-                at, along = a * size + j, dot(rub.force[body, j], rub.tangents[body, a, j])
-                for i in range(size):
-                    others[body, i] += along * drags[i, at]
+                along[2 * k + a] = dot(rub.force[body, listed[k]], rub.tangents[body, a, listed[k]])
+        # along the rows, four at a time: a column is not contiguous, and a sum has to wait for each addition
+        whole = size - size % 4
+        for i in range(0, whole, 4):
+            one, two, three, four = drags[i], drags[i + 1], drags[i + 2], drags[i + 3]
+            x, y, z, w = out[i], out[i + 1], out[i + 2], out[i + 3]
+            for k in range(count):
+                j, u, v = listed[k], along[2 * k], along[2 * k + 1]
+                x, y = (x + u * one[j]) + v * one[size + j], (y + u * two[j]) + v * two[size + j]
+                z, w = (z + u * three[j]) + v * three[size + j], (w + u * four[j]) + v * four[size + j]
+            out[i], out[i + 1], out[i + 2], out[i + 3] = x, y, z, w
+        for i in range(whole, size):
+            for k in range(count):
+                j = listed[k]
+                out[i] = (out[i] + along[2 * k] * drags[i, j]) + along[2 * k + 1] * drags[i, size + j]
