@@ -305,3 +305,13 @@ def test_plausible_numbers_pass():
     count = 5000  # of forces whose sum of squares is beyond the bound, although none is
     load = msgspec.structs.replace(Load.example(True), nodes=np.zeros(count, int), forces=np.full((count, 3), 9e3))
     check_plausible(load)
+
+
+def test_a_name_that_no_file_declares_is_an_error():
+    import palpate.messages
+
+    for name in ("Contacct", "contacct"):
+        with pytest.raises(AttributeError, match=f"has no attribute '{name}'"):
+            getattr(palpate.messages, name)
+    with pytest.raises(ImportError, match="cannot import name 'Contacct'"):
+        from palpate.messages import Contacct  # noqa: F401
