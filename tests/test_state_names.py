@@ -13,7 +13,7 @@ from sources import tree_of
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("messages", "nodes", "launch", "src/palpate")
-KERNELS = {"kernel", "ieee_kernel", "compiled"}
+KERNELS = {"kernel", "ieee_kernel", "inlined", "compiled"}
 AXES = 3  # 0, 1 and 2 are x, y and z
 LAW = "terminal law K, n, c, s_free, s_prev: a row of `Surface.laws`, whose form the message defines"
 SLOPES = "a row of `Surface.slopes`: gradient (3) and shape operator (9), whose form the message defines"

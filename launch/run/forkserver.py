@@ -215,11 +215,11 @@ def load() -> None:
 
 
 def _load_worker() -> None:
+    """Import numba and its implementations if a node has a kernel."""
+    if "palpate.compiler.kernel" in sys.modules:
+        from palpate.compiler.target.dispatcher import prepare
 
-    if "numba" in sys.modules:
-        from palpate.compiler.kernel import PINNED
-
-        PINNED.target_context.refresh()  # takes 0.25 s, otherwise at the first kernel of each worker
+        prepare()  # takes 0.5 s, otherwise at the first kernel of each worker
 
 
 def main(descriptor: int, load: Callable[[], None] = load) -> NoReturn:

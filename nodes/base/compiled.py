@@ -174,11 +174,10 @@ def _forms_of(group: type) -> dict[str, Any]:
 def _check(kind: type[CompiledNode]) -> None:
     """Check the kernel and the records of a class; TypeError as in `CompiledNode.__init_subclass__`."""
     name = f"{kind.__name__}.compute"
-    from numba import config
-
+    from palpate.compiler import interpreted
     from palpate.compiler.kernel import CompiledKernel
 
-    if not (isinstance(kind.compute, CompiledKernel) or config.DISABLE_JIT):  # type: ignore[attr-defined]
+    if not (isinstance(kind.compute, CompiledKernel) or interpreted.ENABLED):
         raise TypeError(f"{name}: found {kind.compute!r}, expected a kernel: write @kernel above it")
     hints = typing.get_type_hints(kind.wiring(), include_extras=True)
     sent = [argument for argument, hint in hints.items() if OUT in getattr(hint, "__metadata__", ())]

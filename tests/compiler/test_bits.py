@@ -12,7 +12,7 @@ from sources import nodes
 
 import palpate
 from palpate.compiler import kernel_cache, kernel_files
-from palpate.compiler.kernel import REPLACED
+from palpate.compiler.target.replaced import REPLACED
 from palpate.physics.errors import PalpateWarning
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from palpate.compiler.kernel import kernel
 
 NUMBERS = types.float64[::1]
 FORM = types.UniTuple(types.float64, 2)(types.float64, NUMBERS)
-call = caller(FORM)
+call = caller(lambda: FORM)
 
 
 @kernel

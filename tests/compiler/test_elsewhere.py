@@ -109,7 +109,7 @@ def forgotten():
     pinnable.cache_clear()
 
 
-@pytest.mark.parametrize("function", [inner_product, inner_product.entry, inner_product.bare, distance.entry])
+@pytest.mark.parametrize("function", [inner_product.made, inner_product.entry, inner_product.bare, distance.entry])
 def test_the_name_is_that_which_a_process_on_the_other_machine_looks_for(function, tmp_path, monkeypatch, forgotten):
     """As there, the name follows from the machine and LLVM's name of it."""
     name, *_ = translated(function, ARRAYS, "aarch64", tmp_path / "there")
@@ -125,7 +125,7 @@ def test_the_name_is_that_which_a_process_on_the_other_machine_looks_for(functio
     assert name not in set(Names(function, (ARRAYS, None), target._PinnedCodegen("native")))
 
 
-@pytest.mark.parametrize("function", [inner_product, inner_product.entry, distance.entry])
+@pytest.mark.parametrize("function", [inner_product.made, inner_product.entry, distance.entry])
 @pytest.mark.parametrize(("machine", "number"), [("aarch64", ARM64), ("x86_64", X86_64)])
 def test_an_object_defines_the_kernel_and_imports_only_known_names(function, machine, number, tmp_path):
     _, kind, content, (names, environments) = translated(function, ARRAYS, machine, tmp_path / "there")

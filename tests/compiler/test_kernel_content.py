@@ -64,7 +64,7 @@ def a_callee(kernel, draw):
     if not found:
         return None
     name = draw.choice(found)
-    others = [each for each in shipped.kernels().values() if each is not function.__globals__[name]]
+    others = [each for each in shipped.kernels().values() if each is not function.__globals__[name].made]
     return shipped.put(function.__globals__, name, draw.choice(others)), (function.__globals__, name)
 
 

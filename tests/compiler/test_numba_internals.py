@@ -7,25 +7,25 @@ from pathlib import Path
 
 import pytest
 
-from palpate.compiler import code_cache, kernel
+from palpate.compiler import code_cache
 from palpate.compiler.content import closure, extensions
 from palpate.compiler.numba_internals import MEMBERS, OTHERS, OVERRIDDEN, PREFIX, USED
-from palpate.compiler.target import code_library, elsewhere, passes, target, translation
+from palpate.compiler.target import code_library, dispatcher, elsewhere, passes, target, translation
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ["src/palpate", "messages", "nodes", "launch"]
 FILES = (
-    "compiler/kernel.py", "compiler/target/target.py", "compiler/target/code_library.py", "compiler/code_cache.py",
-    "compiler/target/passes.py",
+    "compiler/target/dispatcher.py", "compiler/target/target.py", "compiler/target/code_library.py",
+    "compiler/code_cache.py", "compiler/target/passes.py",
     "compiler/target/elsewhere.py", "compiler/target/translation.py",
-    "compiler/content/closure.py", "compiler/content/extensions.py", "compiler/memory.py", "compiler/records.py",
-    "compiler/dot.py",
+    "compiler/content/closure.py", "compiler/content/extensions.py", "compiler/generators/memory.py",
+    "compiler/generators/records.py", "compiler/generators/dot.py",
 )  # fmt: skip
 """Files that use private members."""
 PUBLIC = ("numba.extending", "numba.core.event", "numba.types")
 OURS = (
     target._PinnedCodegen, target._Context, target._CallConv, target._Typing, target._Target, target._Processor,
-    target.Pinned, target._Flags, kernel.CachedFunction, kernel.CompiledKernel, code_library.Library,
+    target.Pinned, target._Flags, dispatcher.CachedFunction, dispatcher.KernelDispatcher, code_library.Library,
     code_library.Codegen, elsewhere.Elsewhere, elsewhere.ElsewhereLibrary, translation.Translation,
     passes.KernelCompiler, passes.Passes, passes.Canonical, passes.Closures, passes.EarlyRewrites, passes.Assignments,
     passes.Merges, passes.LateRewrites,
@@ -119,6 +119,6 @@ def test_every_private_member_is_listed_and_used():
         node.attr for cls in (*OURS, *CONTENT) for node in ast.walk(body(cls))
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
     }  # fmt: skip
-    functions = {name for cls in (*CONTENT, kernel.CompiledKernel, code_library.Library) for name in vars(cls)}
+    functions = {name for cls in (*CONTENT, dispatcher.KernelDispatcher, code_library.Library) for name in vars(cls)}
     assert used - (declared_here | set_here | functions) <= set(MEMBERS)
     assert set(MEMBERS) <= used

@@ -67,7 +67,7 @@ EXEMPT = {
 
 def compiled(node):
     names = (one.func if isinstance(one, ast.Call) else one for one in getattr(node, "decorator_list", ()))
-    return any(ast.unparse(name) in ("kernel", "ieee_kernel", "numba.njit") for name in names)
+    return any(ast.unparse(name) in ("kernel", "ieee_kernel", "inlined", "numba.njit") for name in names)
 
 
 def in_python(node, function=""):

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from compiler_copy import copy_compiler
 
-from palpate.compiler.kernel import CachedFunction, kernel
+from palpate.compiler.kernel import CompiledKernel, kernel
 
 HEAD = """
 import enum, functools, math
@@ -186,7 +186,7 @@ def load(tmp_path, monkeypatch):
 
 
 def hits(module):
-    kernels = [each for each in vars(module).values() if isinstance(each, CachedFunction)]
+    kernels = [each for each in vars(module).values() if isinstance(each, CompiledKernel)]
     return sum(sum(each.stats.cache_hits.values()) for each in kernels)
 
 

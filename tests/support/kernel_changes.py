@@ -26,6 +26,7 @@ import palpate.models.fe
 import palpate.nodes
 import palpate.physics
 from palpate.compiler.kernel import CompiledKernel, replacement
+from palpate.compiler.target.deferred import made
 
 ROOMS = palpate.compiler, palpate.physics, palpate.models.fe, palpate.nodes, palpate.engine, palpate.launch.run.hop
 NUMPY = {"arctan2": "atan2", "arccos": "acos", "arcsin": "asin", "power": "pow"}
@@ -42,12 +43,13 @@ def kernels():
     for each in gc.get_objects():
         if type(each) is CompiledKernel and each.__module__.startswith(tuple(room.__name__ for room in ROOMS)):
             name = f"{each.__module__}.{each.__qualname__}"
-            found[f"{name} {sum(name == one.partition(' ')[0] for one in found)}"] = each
+            found[f"{name} {sum(name == one.partition(' ')[0] for one in found)}"] = each.made
     return found
 
 
 def function_of(thing):
     """The Python function of a kernel, an intrinsic or a function; None: of something else."""
+    thing = made(thing)
     if is_jitted(thing):
         return thing.py_func
     if isinstance(thing, _Intrinsic):
@@ -140,6 +142,7 @@ def callers():
 
 def unpacked(thing):
     """The NamedTuples that an intrinsic of `records.unpacking` makes, outer ones first; none: it is another thing."""
+    thing = made(thing)
     function = thing._defn if isinstance(thing, _Intrinsic) else None
     if function is None or function.__qualname__ != "unpacking.<locals>.unpack":
         return []

@@ -12,19 +12,20 @@ from typing import Any, NoReturn
 
 from palpate.compiler.cores import usable_cores
 
+KERNELS = "palpate.compiler.kernel"  # with the first of them
 LONGEST = 1800.0  # [s] limit for the compilation of one function, also on a slow or loaded machine
 
 
 @contextmanager
 def compiler_watched(changed: Callable[[bool], None]) -> Iterator[None]:
     """Call `changed` with True when the compiler begins with a function or waits for another process that compiles it,
-    and with False when it has ended. No effect in a process that has not imported numba."""
-    if "numba" not in sys.modules:
+    and with False when it has ended. No effect in a process that has not imported kernels."""
+    if KERNELS not in sys.modules:
         yield
         return
     from numba.core import event
 
-    from palpate.compiler.kernel import COMPILING
+    from palpate.compiler.target.dispatcher import COMPILING
 
     class Working(event.Listener):  # type: ignore[misc]
         depth, process = 0, os.getpid()  # a forked child also compiles, but must not report
@@ -47,11 +48,11 @@ def compiler_watched(changed: Callable[[bool], None]) -> Iterator[None]:
 @contextmanager
 def compiling(report: Callable[[int], None], others: Sequence[Callable[[], object]] = ()) -> Iterator[None]:
     """Call `report` before each compilation of a kernel, with the number so far. Cached kernels do not count. No effect
-    in a process that has not imported numba.
+    in a process that has not imported kernels.
 
     others  calls that also compile: a second process runs them from the first compilation on and fills the disk cache
     """
-    if "numba" not in sys.modules:
+    if KERNELS not in sys.modules:
         yield
         return
     from numba.core import event

@@ -25,10 +25,13 @@ from numba.core.serialize import dumps
 
 from palpate.compiler import kernel_cache, kernel_files, trust
 from palpate.compiler.content import bytecode, closure, extensions, origin, values
-from palpate.compiler.target import code_library, passes, target
+from palpate.compiler.target import code_library, passes, replaced, target
 
 _HERE = __name__.rpartition(".")[0]
-COMPILER = (bytecode, closure, extensions, origin, values, code_library, passes, target, f"{_HERE}.kernel")
+COMPILER = (
+    bytecode, closure, extensions, origin, values, code_library, passes, replaced, target,
+    f"{_HERE}.target.dispatcher",
+)  # fmt: skip
 """Modules that determine the code of all kernels, or the names of their files."""
 SETTINGS = (
     "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO_DEFAULT", "EXTEND_VARIABLE_LIFETIMES",
@@ -160,7 +163,7 @@ class Names:
         given = values.Values(compiled=True)
         types = given.data(self._types)
         digest, called = closure.digest(
-            [self._kernel, *given.uses], target.replacement, [*target.REPLACED] if everything else ()
+            [self._kernel, *given.uses], replaced.replacement, [*replaced.REPLACED] if everything else ()
         )
         text = repr((types, digest, self._processor, _settings(), _compiler()))
         return f"{_name(self._kernel)}-{hashlib.sha256(text.encode()).hexdigest()[:32]}.nbc", called

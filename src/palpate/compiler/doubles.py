@@ -4,46 +4,21 @@
 product and a sum by it, which kernels do not permit.
 """
 
-from typing import Any
-
-from llvmlite import ir
-from numba import types
-
 from palpate.compiler import interpreted
 from palpate.compiler.kernel import ieee_kernel
-from palpate.compiler.memory import intrinsic
+from palpate.compiler.target.intrinsic import intrinsic
 
 MANTISSA, BIAS = 52, 1023  # Bits after the point, and what is added to the exponent
 
 
-@intrinsic(interpreted.bits)
-def bits(typing: Any, x: Any) -> Any:
-    """The 64 bits of a double as an integer."""
+bits = intrinsic(interpreted.bits, "doubles.bits")
+"""The 64 bits of a double as an integer."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.bitcast(arguments[0], ir.IntType(64))
+with_bits = intrinsic(interpreted.with_bits, "doubles.with_bits")
+"""The double with these bits."""
 
-    return types.int64(types.float64), generate
-
-
-@intrinsic(interpreted.with_bits)
-def with_bits(typing: Any, word: Any) -> Any:
-    """The double with these bits."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.bitcast(arguments[0], ir.DoubleType())
-
-    return types.float64(types.int64), generate
-
-
-@intrinsic(interpreted.fused)
-def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """a b + c, rounded once."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.fma(*arguments)
-
-    return types.float64(types.float64, types.float64, types.float64), generate
+fused = intrinsic(interpreted.fused, "doubles.fused")
+"""a b + c, rounded once: `fused(a, b, c)`."""
 
 
 @ieee_kernel(inline=True)

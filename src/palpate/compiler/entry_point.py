@@ -5,17 +5,15 @@ An address is passed without cost; a function as an argument takes 40 us. In Web
 table is its address.
 """
 
+import sys
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
-from numba import typeof, types
-from numba.core import cgutils
-from numba.extending import is_jitted
 
 from palpate.compiler import interpreted
-from palpate.compiler.memory import intrinsic
+from palpate.compiler.target.deferred import Deferred, made
+from palpate.compiler.target.intrinsic import intrinsic
 
 NO_NODES, NO_VECTORS, NO_FLOATS = np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros(0)
 """Empty arrays as in messages: read-only, which is a separate type for the compiler."""
@@ -30,9 +28,11 @@ def entry_point(kernel: Callable[..., Any], *example: Any) -> Callable[..., Any]
     Without the inspection an array of another dtype, number of axes or memory order is misread: use this only for
     arguments of fixed types, such as those of a message. A function that is not compiled is returned unchanged.
     """
-    if not is_jitted(kernel):
+    if not is_compiled(kernel) or interpreted.ENABLED:
         return kernel
-    function: Any = kernel
+    from numba import typeof
+
+    function: Any = made(kernel)
     given = tuple(map(typeof, example))
     known = function.overloads.get(given)
     return function.compile(given) if known is None else known.entry_point
@@ -40,7 +40,15 @@ def entry_point(kernel: Callable[..., Any], *example: Any) -> Callable[..., Any]
 
 def is_compiled(value: Any) -> bool:
     """Whether a value is a kernel or a `numba.njit` function; without the compiler only a kernel can be recognised."""
-    return is_jitted(value) or (interpreted.ENABLED and getattr(value, "py_func", None) is value)
+    if interpreted.ENABLED and getattr(value, "py_func", None) is value:
+        return True
+    return isinstance(value, Deferred) or ("numba" in sys.modules and _is_jitted(value))
+
+
+def _is_jitted(value: Any) -> bool:
+    from numba.extending import is_jitted
+
+    return is_jitted(value)
 
 
 def compiled(function: Callable[..., Any], signature: Any) -> Any:
@@ -48,6 +56,8 @@ def compiled(function: Callable[..., Any], signature: Any) -> Any:
     the signature."""
     if not hasattr(function, "compile"):
         raise TypeError(f"{function!r}: expected a function compiled with numba.njit")
+    import numba
+
     name = getattr(function, "__name__", "function")
     try:
         function.compile(signature)
@@ -68,25 +78,10 @@ def address(function: Callable[..., Any], signature: Any) -> int:
     return code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
 
 
-def caller(signature: Any) -> Any:
-    """An intrinsic for kernels, `call(address, *arguments)`: calls the function of this signature at an address, in
-    numba's convention. An exception of the function is that of the kernel."""
+def caller(signature: Callable[[], Any]) -> Any:
+    """An intrinsic for kernels, `call(address, *arguments)`: calls the function at an address, in numba's convention.
+    An exception of the function is that of the kernel.
 
-    @intrinsic(interpreted.called)
-    def call(typing: Any, address: Any, *given: Any) -> Any:
-        result, expected = signature.return_type, signature.args
-        if len(given) != len(expected):
-            return None  # numba reports the call
-
-        def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-            convention = context.call_conv
-            place, given = arguments[0], cgutils.unpack_tuple(builder, arguments[1], len(expected))
-            form = convention.get_function_type(result, expected).as_pointer()
-            status, value = convention.call_function(builder, builder.inttoptr(place, form), result, expected, given)
-            with cgutils.if_unlikely(builder, status.is_error):
-                convention.return_status_propagate(builder, status)
-            return value
-
-        return result(types.int64, types.StarArgTuple(expected)), generate
-
-    return call
+    signature  returns the signature of the function; called when a kernel is compiled
+    """
+    return intrinsic(interpreted.called, "entry_point.called", signature)

@@ -7,16 +7,29 @@ place, by their address, as in compiled code.
 
 import ctypes
 import math
+import os
 import struct
+import sys
 from collections.abc import Callable
 from fractions import Fraction
 from types import FunctionType, ModuleType
 from typing import Any, get_args, get_origin, get_type_hints
 
-import numba
 import numpy as np
 
-ENABLED: bool = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
+
+def _is_disabled() -> bool:
+    """numba's setting, without an import of numba where only the environment can hold it."""
+    of_environment = "numba" not in sys.modules and not os.path.exists(SETTINGS_FILE)
+    if of_environment and os.environ.get("NUMBA_DISABLE_JIT", "") in ("", "0"):
+        return False
+    import numba
+
+    return bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
+
+
+SETTINGS_FILE = ".numba_config.yaml"  # in the working folder
+ENABLED: bool = _is_disabled()
 """Whether kernels are plain functions in this process."""
 
 
@@ -24,7 +37,7 @@ _OF_NUMPY = {"arctan2": "atan2", "arccos": "acos", "arcsin": "asin", "power": "p
 
 
 class _Module:
-    """`math` or `numpy` with the functions of `target.REPLACED`."""
+    """`math` or `numpy` with the functions of `replaced.REPLACED`."""
 
     def __init__(self, module: ModuleType, replacement: Callable[[str], Any]) -> None:
         self._module, self._replacement = module, replacement
@@ -50,7 +63,7 @@ class _Globals(dict):
 
 
 def with_functions(function: Any, replacement: Callable[[str], Any]) -> Any:
-    """A copy of a function that computes with the functions of `target.REPLACED` instead of those of the C library."""
+    """A copy of a function that computes with the functions of `replaced` instead of those of the C library."""
     code, names = function.__code__, _Globals(function.__globals__, replacement)
     copy = FunctionType(code, names, function.__name__, function.__defaults__, function.__closure__)
     copy.__dict__.update(function.__dict__, __module__=function.__module__, __doc__=function.__doc__)

@@ -2,100 +2,34 @@
 
 Kernels are compiled for x86-64-v3, or on 64-bit ARM for ARMv8-A, in any process (`arithmetic.kernel_processor`),
 independent of the processor for which numba compiles the user's functions (`target`). Functions of `numba.njit` may
-call kernels, but not the reverse.
+call kernels, but not the reverse. The decorator does not import numba (`target.deferred`).
 """
 
 from collections.abc import Callable
-from functools import cached_property, partial
-from pathlib import Path
-from types import FunctionType
+from functools import partial
 from typing import Any
 
-from numba import types
-from numba.core import event
-from numba.core.registry import cpu_target
-from numba.core.target_extension import current_target, target_override
-
 from palpate.compiler import interpreted
-from palpate.compiler.code_cache import CodeCache
-from palpate.compiler.target.target import PINNED, REPLACED, TARGET, Pinned, replacement
-from palpate.registry import collection_suspended, with_room
-
-__all__ = ["PINNED", "REPLACED", "CachedFunction", "CompiledKernel", "ieee_kernel", "kernel", "replacement"]
-
-COMPILING = "palpate:compile"  # Name of numba's event while a kernel is compiled, or awaited from another process
+from palpate.compiler.target.deferred import Deferred
+from palpate.compiler.target.replaced import replacement
 
 
-class CachedFunction(Pinned):
-    """A pinned function that is cached on disk. If another process is compiling it, wait and load the result."""
+class CompiledKernel(Deferred):
+    """A compiled function for Python and for other kernels. It has the attributes of numba's dispatchers, and those of
+    `target.dispatcher.KernelDispatcher`.
 
-    def __init__(self, py_func: Any, targetoptions: Any = None, *, machine_code: bool = False, **more: Any) -> None:
-        super().__init__(py_func, targetoptions=targetoptions, **more)
-        self._cache: CodeCache = CodeCache(self, machine_code)
-        self._tag = ""
-
-    def file(self, sig: Any) -> Path | None:
-        """The cache file for these types; None: not cached."""
-        return self._cache.file(sig)
-
-    def tag(self) -> str:
-        return self._tag or super().tag()
-
-    def compile(self, sig: Any) -> Any:
-        """The code for these types, compiled or loaded."""
-        if tuple(getattr(sig, "args", sig)) in self.overloads:
-            return super().compile(sig)
-        return with_room(self._compile, sig)
-
-    def _compile(self, sig: Any) -> Any:
-        self._cache.forget(sig)
-        with target_override(TARGET), collection_suspended():
-            self._tag = self._cache.names(sig).tag
-            if self._cache.file(sig) is not None:
-                return super().compile(sig)
-            with event.trigger_event(COMPILING), self._cache.lock_compilation(sig):
-                return super().compile(sig)
-
-
-class CompiledKernel(CachedFunction):
-    """A compiled function for Python and for other kernels.
-
-    numba inlines each function into a wrapper for Python and one for C, which takes 20 % of the time of a first start.
-    A function called by kernels needs neither; the wrapper for Python is made when Python calls it.
+    py_func  the function in Python
     """
 
-    @cached_property
-    def bare(self) -> CachedFunction:
-        """For other kernels, which include its code."""
-        return self._without_wrapper("bare")
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        super().__init__(function, lambda: _dispatcher(function, options))
+        self.py_func = function
 
-    @cached_property
-    def entry(self) -> CachedFunction:
-        """For callers by address."""
-        return self._without_wrapper("entry", machine_code=True)
 
-    def _without_wrapper(self, name: str, machine_code: bool = False) -> CachedFunction:
-        function = self.py_func
-        bare = FunctionType(
-            function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
-        )
-        bare.__module__, bare.__qualname__ = function.__module__, f"{function.__qualname__}.{name}"
-        options = {**self.targetoptions, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        return CachedFunction(bare, options, machine_code=machine_code)
+def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    from palpate.compiler.target.dispatcher import KernelDispatcher  # with numba
 
-    def get_call_template(self, args: Any, kws: Any) -> Any:
-        """The types of a call from a kernel, in which constants count as any other number. numba would compile the
-        function for each constant argument; LLVM propagates constants anyway when it inlines the function."""
-        args, kws = [types.unliteral(one) for one in args], {name: types.unliteral(one) for name, one in kws.items()}
-        return self.bare.get_call_template(args, kws)  # type: ignore[attr-defined]
-
-    def get_overload(self, sig: Any) -> Any:
-        """The code for a call from a kernel; registered in numba's CPU target for a call from `numba.njit`."""
-        entry = self.bare.get_overload(sig)  # type: ignore[attr-defined]
-        if current_target() == cpu_target._target_name:
-            code = self.bare.overloads[tuple(sig)]  # type: ignore[attr-defined]
-            cpu_target.target_context.insert_user_function(entry, code.fndesc, [code.library])
-        return entry
+    return KernelDispatcher(function, options)
 
 
 def kernel(
@@ -127,3 +61,17 @@ def kernel(
 
 ieee_kernel = kernel(error_model="numpy")
 """The same; a division by 0 returns inf or nan, as IEEE 754 defines it."""
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Decorator of a function whose statements numba copies into each kernel that calls it, before it infers types: so
+    equal expressions of several of them are computed once. A function of `numba.njit` may call it too."""
+    if interpreted.ENABLED:
+        return interpreted.with_functions(function, replacement)
+    return Deferred(function, lambda: _inlined(function))
+
+
+def _inlined(function: Callable[..., Any]) -> Any:
+    import numba
+
+    return numba.njit(inline="always")(function)

@@ -18,7 +18,7 @@ from palpate.compiler.wasm.object_file import Linked
 from palpate.engine.segment import CompiledSegment, kernels
 from palpate.engine.slot import Slot
 from palpate.nodes.base.compiled import CompiledNode, arguments
-from palpate.physics.materials.compiled import LAW
+from palpate.physics.materials.compiled import law_signature
 from palpate.physics.materials.hyperelastic import known_places
 from palpate.web.describe import Hosts, describe_segment
 from palpate.web.errors import WebError
@@ -102,7 +102,7 @@ def _laws(slot: Slot) -> dict[int, Kernel]:
                     f"{slot.name!r} ({type(slot.node).__name__}) calls the law {name!r}, which numba compiles for "
                     "this processor; expected a law under @kernel(pointer=True), as in palpate.physics.materials"
                 )
-            found[place] = Kernel(law, LAW.args, LAW.return_type)
+            found[place] = Kernel(law, law_signature().args, law_signature().return_type)
     return found
 
 

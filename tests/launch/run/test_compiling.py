@@ -100,7 +100,7 @@ def test_waiting_for_a_kernel_that_another_process_compiles_is_a_sign_of_life(mo
     child = os.fork()
     if not child:
         try:
-            with function._cache.lock_compilation((numba.types.float64,)):
+            with function.made._cache.lock_compilation((numba.types.float64,)):
                 os.write(writing, b"locked")
                 time.sleep(0.3)
         finally:  # an error must not return into the tests of this process

@@ -21,7 +21,7 @@ from palpate.models.fe.element.elements import POINTS, gradients, integrate, sha
 from palpate.models.fe.element.mesh import bricks, grid
 from palpate.models.fe.sparse.cholesky import Cholesky, NotPositive
 from palpate.models.fe.sparse.tangent import pattern
-from palpate.physics.materials.compiled import LAW, compile_law
+from palpate.physics.materials.compiled import compile_law, law_signature
 from palpate.physics.materials.hencky import log_stretch
 from palpate.physics.materials.hyperelastic import Material, moduli
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
@@ -50,7 +50,7 @@ def evaluate(mesh, material, u, tangent=True):
     sparsity = pattern(len(mesh.points), mesh.elements)
     slope, det = gradients(mesh.points, mesh.elements)
     force, data = np.zeros_like(u), np.zeros((len(sparsity.indices), 3, 3))
-    law = compile_law(material.law, LAW)
+    law = compile_law(material.law, law_signature())
     energy, bad = integrate(
         law, slope, det / 24.0, mesh.elements, u, np.array(material.parameters), material.mixed, material.small,
         tangent, sparsity.where(mesh.elements), force, data,

@@ -14,7 +14,7 @@ from palpate.physics import materials
 from palpate.physics.bodies.sampled.energy import forces, scratch
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.materials.compiled import LAW, compile_law
+from palpate.physics.materials.compiled import compile_law, law_signature
 from palpate.physics.materials.hyperelastic import example, law, laws, rest_moduli
 
 
@@ -34,7 +34,7 @@ def evaluated(material, F):
     P, A = np.zeros((3, 3)), np.zeros((9, 9))
     J = np.trace(F) - 2.0 if material.small else np.linalg.det(F)
     cofactor = np.eye(3) if material.small else J * np.linalg.inv(F).T
-    W, U, dU, ddU = compile_law(material.law, LAW)(F, J, np.array(material.parameters), P, A)
+    W, U, dU, ddU = compile_law(material.law, law_signature())(F, J, np.array(material.parameters), P, A)
     return W, U, P + dU * cofactor, P, A, dU, ddU
 
 
@@ -49,7 +49,8 @@ def consistent(material):
     assert (above[3] - below[3]) / (2 * h) == approx((A @ H.ravel()).reshape(3, 3), abs=1e-7 * scale)
     assert approx(A.T, abs=1e-12 * scale) == A
     J = np.linalg.det(F)
-    law, p, memory = compile_law(material.law, LAW), np.array(material.parameters), (np.zeros((3, 3)), np.zeros((9, 9)))
+    law, p = compile_law(material.law, law_signature()), np.array(material.parameters)
+    memory = np.zeros((3, 3)), np.zeros((9, 9))
     up, down = (law(F, J + s * h, p, *memory) for s in (1, -1))
     assert (up[1] - down[1]) / (2 * h) == approx(dU if not material.small else law(F, J, p, *memory)[2], rel=1e-6)
     assert (up[2] - down[2]) / (2 * h) == approx(law(F, J, p, *memory)[3], rel=1e-6)

@@ -93,7 +93,7 @@ def compile_all(
     report  called with the name of a run before it, and the number so far before each compilation
     folder  for recordings
     """
-    importlib.import_module("palpate.compiler.kernel")  # with numba: before that, `compiling` sees nothing
+    importlib.import_module("palpate.compiler.kernel")  # before that, `compiling` sees nothing
     count, now = 0, ""
 
     def count_kernel(_: int) -> None:
@@ -138,7 +138,7 @@ def copy_loaded(to: Path, machine: str = "") -> int:
 
     machine  write files for machines of this name instead
     """
-    from palpate.compiler.kernel import CachedFunction
+    from palpate.compiler.target.dispatcher import CachedFunction
     from palpate.compiler.target.elsewhere import Elsewhere
     from palpate.compiler.target.processors import named
     from palpate.compiler.target.translation import Translation

@@ -19,6 +19,7 @@ from palpate.compiler.content.bytecode import read_code
 from palpate.compiler.content.extensions import PACKAGE, Extensions
 from palpate.compiler.content.origin import UnnamedError, is_library, name_of, text_of
 from palpate.compiler.content.values import Values
+from palpate.compiler.target.deferred import made
 
 _ALIASES = {"arctan2": "atan2", "arccos": "acos", "arcsin": "asin", "power": "pow", "float_power": "pow"}
 """numpy's names of functions of the C library."""
@@ -82,6 +83,7 @@ def digest(
     found: list[Any] = []
 
     def place(thing: Any) -> int:
+        thing = made(thing)
         if id(thing) not in places:
             places[id(thing)] = len(found)
             found.append(thing)
@@ -103,6 +105,7 @@ def digest(
 
 def describe(thing: Any) -> Description:
     """The description of a function, a class, a module or another object."""
+    thing = made(thing)
     known = _KNOWN.get(id(thing))
     if known is None or not known.is_current():
         known = _KNOWN[id(thing)] = _Reader(thing).description()
@@ -219,6 +222,7 @@ class _Reader:
 
     def _with_extensions(self, value: Any, data: Any) -> Any:
         """A value with its implementations for numba from outside, and the function of the C library that it calls."""
+        value = made(value)
         module, name = getattr(value, "__module__", None), getattr(value, "__name__", None)
         if isinstance(value, np.ufunc) or module in ("math", "cmath", "numpy"):
             self._calls.add(_ALIASES.get(name, name))  # type: ignore[arg-type]

@@ -17,6 +17,7 @@ import numpy as np
 from llvmlite import ir
 
 from palpate.compiler.content.origin import is_library, is_library_function, name_of
+from palpate.compiler.target.deferred import made
 
 Type = numba.types.Type
 PLAIN = (bool, int, float, complex, str, bytes, type(None), type(...), type(NotImplemented), range, slice)
@@ -55,12 +56,14 @@ class Values:
         return ("use", len(self.uses) - 1)
 
     def data(self, value: Any) -> Any:
-        """The data of a value."""
+        """The data of a value; of a deferred function that of its compiled form."""
+        value = made(value)
         data = self.whole(value)
         return self.refer(value) if data is None else data
 
     def whole(self, value: Any) -> Any:
         """The data of a value that needs no description by itself; None: it does."""
+        value = made(value)
         kind = type(value)
         if kind in PLAIN:
             return (kind.__name__, repr(value))

@@ -62,7 +62,7 @@ class Library(JITCodeLibrary):
 
     def add_ir_module(self, ir_module: Any) -> None:
         """Add the IR of a function. Its calls of the C library's functions become calls of kernels of this package
-        (`target.REPLACED`), before a pass of LLVM knows them as functions of the C library."""
+        (`replaced.REPLACED`), before a pass of LLVM knows them as functions of the C library."""
         text = cgutils.normalize_ir_text(str(ir_module))
         for function in ir_module.functions:
             code = self._codegen.replacement(function.name) if function.is_declaration else None

@@ -2,7 +2,7 @@
 the virtual one of browsers.
 
 All take the same IR; only the layout of data and the instructions differ. Numbers are the same bit for bit: kernels
-contain no function of the C library (`target.REPLACED`), and LLVM joins a product and a sum only where a kernel does
+contain no function of the C library (`replaced.REPLACED`), and LLVM joins a product and a sum only where a kernel does
 (`doubles.fused`).
 """
 

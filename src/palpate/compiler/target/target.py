@@ -2,13 +2,12 @@
 
 numba takes the processor from its target, so kernels have a separate target
 (https://numba.readthedocs.io/en/stable/extending/target_extension.html); the environment and `numba.config` do not
-change. Functions of the C library are replaced by kernels (`REPLACED`).
+change. Functions of the C library are replaced by kernels (`replaced`).
 
 Names of compiled functions contain a tag: for a kernel the hash of its content, for functions of numba one of the
 process. So no two functions with different code have the same name, also if they were compiled in different processes.
 """
 
-import importlib
 import os
 import secrets
 from functools import partial
@@ -30,36 +29,9 @@ from numba.core.utils import threadsafe_cached_property
 from palpate.compiler.arithmetic import kernel_processor
 from palpate.compiler.target.code_library import REPLACEMENT, Codegen
 from palpate.compiler.target.passes import KernelCompiler
+from palpate.compiler.target.replaced import REPLACED, plain_name, replacement
 
 TARGET = "palpate"  # Name of the target of kernels
-REPLACED = {
-    **dict.fromkeys(("exp", "llvm.exp.f64"), ("exponentials", "exp")),
-    **dict.fromkeys(("log", "llvm.log.f64"), ("exponentials", "log")),
-    **dict.fromkeys(("pow", "llvm.pow.f64"), ("exponentials", "power")),
-    **dict.fromkeys(("log2", "llvm.log2.f64"), ("exponentials", "log2")),
-    "expm1": ("exponentials", "expm1"),
-    "log1p": ("exponentials", "log1p"),
-    **dict.fromkeys(("sin", "llvm.sin.f64"), ("angles", "sin")),
-    **dict.fromkeys(("cos", "llvm.cos.f64"), ("angles", "cos")),
-    "acos": ("angles", "acos"),
-    "asin": ("angles", "asin"),
-    "atan2": ("angles", "atan2"),
-    **dict.fromkeys(("hypot", "_hypot"), ("angles", "hypot")),
-}
-"""Module and name of the kernel that replaces a function of the C library in all kernels, by the name in their code."""
-
-
-def plain_name(name: str) -> str:
-    """The name of a function of the C library, of a name in `REPLACED`."""
-    return name.removeprefix("llvm.").removesuffix(".f64").removeprefix("_")
-
-
-def replacement(name: str) -> Any:
-    """The kernel that replaces a function of the C library (`REPLACED`); None: it is not replaced."""
-    if name not in REPLACED:
-        return None
-    module, kernel_name = REPLACED[name]
-    return getattr(importlib.import_module(f"palpate.compiler.{module}"), kernel_name)
 
 
 class _Processor(CPU):

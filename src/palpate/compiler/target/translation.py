@@ -11,7 +11,7 @@ from numba.core.serialize import dumps
 
 from palpate.compiler import kernel_files
 from palpate.compiler.code_cache import CodeCache, Names, types_of
-from palpate.compiler.kernel import CachedFunction
+from palpate.compiler.target.dispatcher import CachedFunction
 from palpate.compiler.target.elsewhere import Elsewhere
 
 

@@ -18,7 +18,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from palpate.compiler.kernel import kernel
-from palpate.physics.materials.compiled import LAW, compile_law
+from palpate.physics.materials.compiled import compile_law, law_signature
 from palpate.physics.materials.hyperelastic import Material, rest_moduli
 from palpate.physics.materials.invariants import cofactor, volume_tangent
 
@@ -116,7 +116,7 @@ class RoundBody:
         turned, change = B.swapaxes(1, 2), (B @ u[self.elements].reshape(E, 18, 1)).reshape(E, Q, 5)
         cofactors, stress = np.zeros((E, Q, 5)), np.zeros((E, Q, 5))
         moduli, curve = np.zeros((E if tangent else 0, Q, 5, 5)), np.zeros(E)
-        law, p = compile_law(material.law, LAW), np.array(material.parameters)
+        law, p = compile_law(material.law, law_signature()), np.array(material.parameters)
         if not _integrate(law, change, self.weight, p, material.mixed, cofactors, stress, moduli, curve):
             return None
         force = np.zeros_like(u)

@@ -37,7 +37,7 @@ from palpate.compiler.kernel import kernel
 from palpate.physics import materials
 from palpate.physics.arrays import Array
 from palpate.physics.errors import MISUSE, PalpateError
-from palpate.physics.materials.compiled import LAW, call_law, compile_law, law_address
+from palpate.physics.materials.compiled import call_law, compile_law, law_address, law_signature
 from palpate.registry import modules
 
 Law = Callable[..., tuple[float, float, float, float]]
@@ -125,7 +125,7 @@ def rest_moduli(material: Material) -> tuple[float, float]:
     """Shear and bulk modulus [Pa] of the undeformed material, from the tangent of its law. MaterialError: one is
     not positive."""
     P, A = np.zeros((3, 3)), np.zeros((9, 9))
-    law: Any = compile_law(material.law, LAW)
+    law: Any = compile_law(material.law, law_signature())
     _, _, _, bulk = law(np.eye(3), 1.0, np.array(material.parameters), P, A)
     shear = A[1, 1]
     if not (np.isfinite(shear) and np.isfinite(bulk) and shear > 0 and bulk > 0):

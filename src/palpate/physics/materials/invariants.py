@@ -7,14 +7,13 @@ Most functions are inlined into the law, so that the strain and J^(-2/3) are com
 
 import math
 
-import numba
 import numpy as np
 
-from palpate.compiler.kernel import kernel
+from palpate.compiler.kernel import inlined, kernel
 from palpate.physics.arrays import Matrix
 
 
-@numba.njit(inline="always")
+@inlined
 def cofactor(F: Matrix, G: Matrix):
     """G = det(F) F^-T, the cofactors of F (3,3); returns det F."""
     a, b, c = F[0, 0], F[0, 1], F[0, 2]
@@ -57,7 +56,7 @@ def products(F: Matrix, C: Matrix, B: Matrix):
             C[i, j], B[i, j] = x, y
 
 
-@numba.njit(inline="always")
+@inlined
 def strain_squares(F: Matrix):
     """Entries 00, 11, 22, 01, 02, 12 of F'F, and det F, without allocation."""
     c00 = F[0, 0] * F[0, 0] + F[1, 0] * F[1, 0] + F[2, 0] * F[2, 0]
@@ -74,7 +73,7 @@ def strain_squares(F: Matrix):
     return c00, c11, c22, c01, c02, c12, J
 
 
-@numba.njit(inline="always")
+@inlined
 def shape_invariants(F: Matrix):
     """J, I = J^(-2/3) I1 - 3 and II = J^(-4/3) I2 - 3 of F (3,3)."""
     c00, c11, c22, c01, c02, c12, J = strain_squares(F)
@@ -84,7 +83,7 @@ def shape_invariants(F: Matrix):
     return J, a1 * i1 - 3.0, a1 * a1 * i2 - 3.0
 
 
-@numba.njit(inline="always")
+@inlined
 def _shape_stress_alone(F: Matrix, w1: float, w2: float, P: Matrix):
     """P of `shape_stress` without its tangent."""
     c00, c11, c22, c01, c02, c12, J = strain_squares(F)
@@ -102,7 +101,7 @@ def _shape_stress_alone(F: Matrix, w1: float, w2: float, P: Matrix):
         P[i, 2] = along * z + across * P[i, 2] + over * (x * c02 + y * c12 + z * c22)
 
 
-@numba.njit(inline="always")
+@inlined
 def shape_stress(F: Matrix, w1: float, w2: float, w11: float, w12: float, w22: float, P: Matrix, A: Matrix):
     """P = dW/dF and A = d2W/dF2 of W(I, II) from its derivatives w1, w2, w11, w12, w22 [Pa] by I and II; no tangent if
     A[0, 0] is NaN."""

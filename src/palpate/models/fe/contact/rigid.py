@@ -23,7 +23,7 @@ from palpate.models.fe.contact.augmented import SMOOTH, STIFF, Augmented, add_ta
 from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element.mesh import point_text
 from palpate.models.fe.sparse.tangent import Pattern
-from palpate.physics.materials.compiled import MATRIX, VECTOR, compile_law
+from palpate.physics.materials.compiled import compile_law
 
 LEAP = 0.1  # Additional depth in edges, within a load step, above which a rigid body has passed through the faces
 LOOKS = 200  # Maximum number of places within a load step at which that is checked
@@ -31,7 +31,7 @@ LOOKS = 200  # Maximum number of places within a load step at which that is chec
 Shape = Callable[..., float]
 """gap = shape(x, p, normal, curvature): signed distance [m] of the point x (3,) from the body, positive outside, with
 its gradient into `normal` (3,) and its second derivative [1/m] into `curvature` (3,3); numba.njit."""
-SHAPE = types.float64(VECTOR, VECTOR, VECTOR, MATRIX)
+SHAPE = types.float64(*[types.float64[::1]] * 3, types.float64[:, ::1])
 
 
 @numba.njit(cache=True)

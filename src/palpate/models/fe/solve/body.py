@@ -16,7 +16,7 @@ from palpate.models.fe.element.mesh import MeshError, TetMesh
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.sparse.condensation import condense
 from palpate.models.fe.sparse.tangent import Pattern, Tangent, join_cliques, pattern
-from palpate.physics.materials.compiled import LAW, compile_law
+from palpate.physics.materials.compiled import compile_law, law_signature
 from palpate.physics.materials.hyperelastic import Material
 
 ORDERED, FACTORED = 0.5, 0.75  # parts of the time of `compliance` after which the order and the factor are known
@@ -85,7 +85,7 @@ class ElasticBody:
         for k, (material, elements, slope, weight) in enumerate(self.groups):
             where = self._where[k] if tangent else np.zeros((0, 10, 10), dtype=np.int64)
             energy, bad = integrate(
-                compile_law(material.law, LAW), slope, weight, self.mesh.elements[elements], u,
+                compile_law(material.law, law_signature()), slope, weight, self.mesh.elements[elements], u,
                 np.array(material.parameters), material.mixed, material.small, tangent, where, force, blocks,
             )  # fmt: skip
             if bad >= 0:
