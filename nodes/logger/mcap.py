@@ -17,9 +17,7 @@ from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
 from palpate.nodes.base import Block, Observer, SettingError, Stream
 from palpate.nodes.base.block import MARGIN
-from palpate.records.format.attached import attach_files
-from palpate.records.format.head import PROFILE, SCHEMA_VERSION, head_alone
-from palpate.records.format.mcap_writer import Compression, McapWriter, Piece
+from palpate.records.format.head import PROFILE, SCHEMA_VERSION, Compression, head_alone
 from palpate.records.format.message_head import HEAD, HEAD_LENGTH
 
 LATEST = 1024  # runs of ticks of a stream, which separate the messages of a restarted node from earlier ones
@@ -130,6 +128,9 @@ class Mcap(Observer):
         for name, keep in self.thin.items():
             if keep < 1:
                 raise SettingError(f"thin: {name}: found {keep}, expected to keep each n-th message, n from 1")
+        from palpate.records.format.attached import attach_files
+        from palpate.records.format.mcap_writer import McapWriter
+
         self._recorded: dict[str, RecordedStream] = {}
         self._steps: dict[str, int] = {}
         self._times: dict[str, dict[str, float]] = {}
@@ -313,9 +314,11 @@ class Mcap(Observer):
             self._notes.append(f"recording {self.path} lacks messages that did not reach it in time: {losses}")
 
 
-def _records(kept: np.ndarray | None, channels: np.ndarray, entries: np.ndarray, memory: np.ndarray, at: int) -> Piece:
-    """Heads, and records with these heads, of the messages `kept` (n) of a block, whose `memory` begins at `at`; None:
-    of all messages."""
+def _records(
+    kept: np.ndarray | None, channels: np.ndarray, entries: np.ndarray, memory: np.ndarray, at: int
+) -> tuple[Any, ...]:
+    """A piece for the writer: heads, and records with these heads, of the messages `kept` (n) of a block, whose
+    `memory` begins at `at`; None: of all messages."""
     # Set the channels in the heads of the records.
     written = entries if kept is None else entries[kept]
     heads = np.zeros(len(written), HEAD)

@@ -1,9 +1,12 @@
 """The head of a message: the part of its header that a replay needs."""
 
+from typing import Literal
+
 import msgspec
 
 PROFILE = "palpate"
 SCHEMA_VERSION = "1"
+Compression = Literal["zstd", "lz4", "none"]  # of the chunks of a file
 
 
 class Head(msgspec.Struct, frozen=True):

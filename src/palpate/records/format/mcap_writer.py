@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from itertools import pairwise
-from typing import IO, Any, Literal
+from typing import IO, Any
 
 import lz4.frame
 import numpy as np
@@ -23,6 +23,7 @@ from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
+from palpate.records.format.head import Compression
 from palpate.records.format.message_head import HEAD, HEAD_LENGTH
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -41,7 +42,6 @@ _ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
 Piece = tuple[Any, ...]
 """The heads of messages, then the records of these messages, as bytes."""
 
-Compression = Literal["zstd", "lz4", "none"]
 _COMPRESS: dict[Compression, Callable[[], Callable[[Any], bytes]]] = {
     "zstd": lambda: zstandard.ZstdCompressor(level=LEVEL).compress,
     "lz4": lambda: lz4.frame.compress,
