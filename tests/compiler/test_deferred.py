@@ -12,11 +12,12 @@ import threading
 import numba
 import numpy as np
 import pytest
+from numba.core.extending import _Intrinsic
 
 from palpate.compiler.dot import cross, inner
 from palpate.compiler.kernel import CompiledKernel, inlined, kernel
 from palpate.compiler.memory import set_word
-from palpate.compiler.target.deferred import DISPATCHER, Deferred, made
+from palpate.compiler.target.deferred import DISPATCHER, Deferred, made, make_all
 from palpate.compiler.target.dispatcher import KernelDispatcher
 
 LIBRARIES = "{'numba', 'llvmlite'} & sys.modules.keys()"
@@ -81,6 +82,16 @@ def test_the_second_call_goes_to_the_function_of_numba():
     assert twice(3.0) == 6.0
     assert twice.func is twice.made and type(twice.made) is KernelDispatcher
     assert twice(4.0) == 8.0 and twice(x=5.0) == 10.0
+
+
+def test_before_a_fork_all_functions_are_made():
+    @kernel
+    def twice(x):
+        return 2.0 * x
+
+    assert twice.func == twice._first
+    make_all()
+    assert twice.func is twice.made and cross.func is cross.made and type(set_word.func) is _Intrinsic
 
 
 def test_all_threads_get_the_same_function():

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import partial, update_wrapper
 from types import MethodType
 from typing import Any
+from weakref import WeakSet
 
 DISPATCHER = frozenset({
     "add_overload", "bare", "compile", "disable_compile", "doc", "dump", "enable_caching", "entry", "file",
@@ -19,6 +20,7 @@ DISPATCHER = frozenset({
     "targetoptions", "typeof_pyval", "typingctx",
 })  # fmt: skip
 """Attributes of a compiled function of numba, for which it is made."""
+_EVERY: "WeakSet[Deferred]" = WeakSet()
 
 
 class Deferred(partial[Any]):
@@ -35,6 +37,7 @@ class Deferred(partial[Any]):
     def __init__(self, plain: Callable[..., Any], make: Callable[[], Any]) -> None:
         update_wrapper(self, plain)
         self._make = make
+        _EVERY.add(self)
         self._hold(self._first)
 
     def _hold(self, function: Callable[..., Any]) -> None:
@@ -77,6 +80,12 @@ class Deferred(partial[Any]):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.__module__}.{self.__qualname__})"
+
+
+def make_all() -> None:
+    """Make all functions that exist, before a process forks others that need many of them."""
+    for each in list(_EVERY):
+        _ = each.made
 
 
 def made(value: Any) -> Any:

@@ -12,6 +12,7 @@ from numba.core.target_extension import current_target, target_override
 
 from palpate.compiler import generators
 from palpate.compiler.code_cache import CodeCache
+from palpate.compiler.target.deferred import make_all
 from palpate.compiler.target.target import PINNED, TARGET, Pinned
 from palpate.registry import collection_suspended, modules, with_room
 
@@ -19,9 +20,11 @@ COMPILING = "palpate:compile"  # Name of numba's event while a kernel is compile
 
 
 def prepare() -> None:
-    """Import all that the first kernel needs, with numba's implementations."""
+    """Import all that the first kernel needs, with numba's implementations, and make the declared kernels: each of ten
+    workers would make a hundred of them."""
     modules(generators)
     PINNED.target_context.refresh()
+    make_all()
 
 
 class CachedFunction(Pinned):
