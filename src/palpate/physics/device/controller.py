@@ -197,7 +197,7 @@ def render(
     closer = lift(state.surface, compression if force > 0.0 else 0.0, -along, sideways, dt)
     if state.rise > 0.0:  # after an outage the force also rises while the finger rests
         state.wall.line += RECOVERY * dt
-    steepness = slope(state.gauge, force, closer - along, SPAN * gains.resolution)
+    steepness = slope(state.gauge, force, closer - along, sideways, SPAN * gains.resolution, dt)
     shown = soften(state.wall, force, approach, -along, sideways + closer, most, gains.resolution, dt)
     shown = rejoin(state.wall, state.gauge, shown, closer - along, most, 0.25 * SPAN * gains.resolution, dt)
     elapsed = state.clock - past.time[before]

@@ -27,6 +27,11 @@ that a line that replaces a steep law stays. A law F ~ s^n with n >= 1 that is n
 >= F²/2K, and is not limited. W alone would let a law that is soft at first and then steep, as that of a fingertip on a
 rigid body, return too far. The work of friction does not count: a slide on a hard surface would pay for an oscillation.
 
+Exact positions have no steps, and a slope over a tick is not that of a law. In a slide the place changes the force, and
+its change over a motion along the normal of 2 % of the way was taken for a slope of 60 kN/m, whose damping changed the
+force on the hand by twice what the contact did. There the slope is a fit over the ticks within `FORGET`, in which a
+motion counts by the part of it that is along the normal: a slide keeps the slope that was found before.
+
 Tissue that rises under a finger, because another finger or organ leaves it or pushes it there, raises the force without
 the hand. This counts as motion of the finger as well: what moves the surface pays for it. A finger compresses itself by
 at most the distance that it moves in or slides; what its compression grows beyond that, averaged over `CALM` so that
@@ -51,9 +56,9 @@ FASTEST = 1.0  # [m/s] at which each motion counts in that mean
 WALL = {"line": (), "law": (), "cut": bool, "below": ()}
 """The line [N] that bounds the force, the last contact force [N], whether the line is active, and the time [s] that the
 force has been below it."""
-GAUGE = {"slope": (), "depth": (), "mark": (), "mark_force": (), "paid": (), "shown": ()}
+GAUGE = {"slope": (), "depth": (), "mark": (), "mark_force": (), "rise": (), "square": (), "paid": (), "shown": ()}
 """The slope [N/m], the depth since contact began [m], the depth [m] and force [N] from which the slope is measured, the
-work of the rendered force since contact began [J], and this force [N]."""
+means of `fit_slope` [N m], [m²], the work of the rendered force since contact began [J], and this force [N]."""
 SURFACE = {"compression": (), "growth": (), "way": (), "sideways": ()}
 """Compression [m] of the fingertip, and means [m] of its growth in a step and of the finger's motion, of `lift`."""
 
@@ -131,11 +136,30 @@ def lift(surface: Record, compression: float, way: float, sideways: float, dt: f
 
 
 @kernel
-def slope(gauge: Record, force: float, way: float, span: float):
-    """Slope [N/m] of the contact force over the last `span` [m], at first since contact began; 0 without contact.
+def fit_slope(gauge: Record, change: float, way: float, sideways: float, dt: float):
+    """Slope [N/m] of the contact force by least squares over the steps within `FORGET`, for exact positions.
 
-    gauge       `GAUGE`, changed in place
-    way    [m]  motion into the surface since the last step
+    gauge        `GAUGE`, changed in place
+    change  [N]  of the force in this step
+    way, sideways, dt  as of `slope`
+    """
+    square = way * way
+    if square > 0.0:
+        share = square / (square + sideways * sideways) * -math.expm1(-dt / FORGET)
+        gauge.rise += (change * way - gauge.rise) * share
+        gauge.square += (square - gauge.square) * share
+    return max(gauge.rise / gauge.square, 0.0) if gauge.square > 0.0 else 0.0
+
+
+@kernel
+def slope(gauge: Record, force: float, way: float, sideways: float, span: float, dt: float):
+    """Slope [N/m] of the contact force over the last `span` [m], at first since contact began, or of `fit_slope` for
+    a span of 0; 0 without contact.
+
+    gauge          `GAUGE`, changed in place
+    way       [m]  motion into the surface since the last step
+    sideways  [m]  motion along the surface since then
+    dt        [s]
     """
     if not force > 0.0:
         clear(gauge)
@@ -143,7 +167,9 @@ def slope(gauge: Record, force: float, way: float, span: float):
     gauge.depth += way
     length = gauge.depth - gauge.mark
     first = gauge.mark == 0.0 and gauge.mark_force == 0.0
-    if length != 0.0 and (abs(length) >= span or (first and length > 0.0)):  # exact positions: span is 0
+    if span == 0.0:
+        gauge.slope = fit_slope(gauge, force - gauge.mark_force, way, sideways, dt)
+    elif length != 0.0 and (abs(length) >= span or (first and length > 0.0)):
         gauge.slope = max((force - gauge.mark_force) / length, 0.0)
     if abs(length) >= span:
         gauge.mark, gauge.mark_force = gauge.depth, force
