@@ -21,6 +21,7 @@ from palpate.compiler.exact import einsum
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, onto_centres, rounded
+from palpate.physics.geometry.felt.even import even_normals
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
 from palpate.physics.geometry.felt.rims import divide_near, find_rims, resting, round_rims, unfolded
 from palpate.physics.geometry.felt.ripples import are_deep, without_ripples
@@ -99,9 +100,10 @@ def close_surface(
     flat, rolling = _without_lift(vertices, normals, np.unique(triangles[origin < 0]), body, touched, centres, radius)
     moves, turned = [flat], normals
     if rims is not None:
-        *moves, turned = round_rims(flat, normals, rolling, rims, touched, radius)
+        *moves, turned, even, share = round_rims(flat, normals, rolling, rims, touched, radius)
         moves = [np.where(moved != flat, rounded(moved), flat) for moved in moves]
         triangles = flip_caps(moves[0], triangles, _still(flat, moves[0], triangles))
+        turned = even_normals(moves[0], turned, triangles, even, share)
     vertices, normals = unfolded(vertices, normals, moves, turned, triangles)
     felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
     under = fine.vertices[np.unique(fine.triangles[hidden])]  # a large triangle may be touchable in part

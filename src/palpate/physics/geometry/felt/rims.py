@@ -44,6 +44,7 @@ from palpate.physics.nearest import nearest, tree_of
 WIDEST = 0.25  # [1] of the radius: distance from a rim of points of a bridge by which it is found
 LEAST = 0.02  # [1] of the radius: a below which a rim stays, that of a gap of 0.3 mm
 FINEST, EVEN = 0.4, 0.2  # [1] of a, and of R: longest edge across a rim
+MADE_EVEN = 0.1  # [1] of R: length over which normals are made even
 AWAY = 0.5  # [1] cosine to the direction away from the gap from which another rim lies on this side
 ENDS = 0.25  # [1] of the radius, or a: length from its end over which a rim becomes sharp
 LESS = (0.75, 0.5, 0.25)  # [1] shares of its motion that a vertex takes in turn where triangles would fold
@@ -223,9 +224,9 @@ def divide_near(
 
 def round_rims(
     points: np.ndarray, normals: np.ndarray, rolling: np.ndarray, rims: Rims, touched: MeshClosestPoint, radius: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points [m] (V,3) of the surface with rounded rims, on the ball of the rim and as far from it as they were, and
-    its normals [1] (V,3).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points [m] (V,3) of the surface with rounded rims, on the ball of the rim and as far from it as they were, its
+    normals [1] (V,3), and the length [m] (V) over which these are to be made even, and by which share [1] (V).
 
     rolling  [1] (V,3) directions from points of bridges to the centre of the ball
     touched  the part of the body that the ball touches, whose normals next to a rim are not those of walls
@@ -269,7 +270,9 @@ def round_rims(
     own = rest + steady[:, None] * (own - rest)
     new = own + (there * slope * einsum("ij,ij->i", own, rise))[:, None] * chord
     facing[near] = new / np.maximum(np.linalg.norm(new, axis=1), 1e-12)[:, None]
-    return settled, moved, facing
+    length, share = np.zeros(len(points)), np.zeros(len(points))
+    length[near], share[near] = MADE_EVEN * far, there
+    return settled, moved, facing, length, share
 
 
 def _sink(
