@@ -15,16 +15,18 @@ the normal turns by at most w/(e/6) (`SUDDEN`) and m/d, and delta grows by at le
 enters along the bisector of an edge is equally near to two faces, 90 degrees apart: the foot stays on its face until
 another is nearer by the hysteresis h (`nodes.collision`). So a foot that is farther by at most h also counts: with
 theta between both directions, the nearest point of the finger moved by h/(1 - cos theta) towards the foot is on its
-face; from there on delta is the angle between the faces. The foot of the smooth surface through a mesh is between two
-faces that are equally near, by h: with the angle of the normal alpha, the nearest point of the finger moved by h/alpha
-towards the foot is on the other face, and the normal is within 0.35 rad of the arc between both directions.
+face; from there on delta is the angle between the faces, and does not decrease before a foot at its greatest speed,
+which loses `FASTEST` in `ARRIVES`, has stopped: it first stops on its way, then turns round. The foot of the smooth
+surface through a mesh is between two faces that are equally near, by h: with the angle of the normal alpha, the nearest
+point of the finger moved by h/alpha towards the foot is on the other face, and the normal is within 0.35 rad of the arc
+between both directions.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from palpate.physics.geometry.proxy import EASY, FASTEST, LANDING, REGAIN, SUDDEN
+from palpate.physics.geometry.proxy import ARRIVES, EASY, FASTEST, LANDING, REGAIN, SUDDEN
 from palpate.studies.organs.score import Score
 from palpate.studies.organs.touches import THICKNESS
 from palpate.studies.organs.trace import LEAST_CURVATURE, LEAST_FORCE, ON, Trace, length
@@ -107,10 +109,10 @@ def side(trace: Trace) -> Score:
     motion = length(step - np.einsum("ti,ti->t", step, normal[1:])[:, None] * normal[1:])
     away = (p[ticks] - foot) / np.where(np.abs(gap) > ON, gap, np.inf)[:, None]
     touching = (gap < THICKNESS) | (trace["collision.approach"][ticks] > 0.0)
-    found, regular, behind, lost = Score(0.0, 0.0, 0.0, 0.0), True, 0.0, 0.0
+    found, regular, behind, lost, stops = Score(0.0, 0.0, 0.0, 0.0), True, 0.0, 0.0, 0.0
     for i, k in enumerate(ticks):
         if not touching[i]:
-            regular, behind, lost = True, 0.0, 0.0
+            regular, behind, lost, stops = True, 0.0, 0.0, 0.0
             continue
         if i > 0:
             turn = max(_between(each[i - 1], each[i]) for each in ((normal, away) if abs(gap[i]) > ON else (normal,)))
@@ -120,7 +122,8 @@ def side(trace: Trace) -> Score:
             least = behind + turn - turns
             if turn <= w / LEAST_CURVATURE:
                 turn = max(turn * (1.0 - 0.5 * most / max(jump[i - 1], ON)), turn - turns, 0.0)
-            behind = max(_behind(behind + turn, min(max(most - jump[i - 1], 0.0), FASTEST * EVERY)), least)
+            gains = min(max(most - jump[i - 1], 0.0), FASTEST * EVERY) if stops <= 0.0 else 0.0
+            behind, stops = max(_behind(behind + turn, gains), least), stops - EVERY
             lost = max(lost - REGAIN * w, 0.0)
         inside = i > 0 and gap[i] < -ON and abs(gap[i - 1]) > ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
@@ -147,6 +150,7 @@ def side(trace: Trace) -> Score:
                 angle *= 0.5
             if angle > STEEPEST and (other := _on_other_face(trace, int(k), away[i], float(gap[i]))) < angle:
                 angle, behind = other, max(behind, angle)
+                stops = ARRIVES * max(EASY * motion[max(i - 1, 0)], FASTEST * EVERY) / (FASTEST * EVERY)
             if angle > STEEPEST:
                 angle = min(angle, _between_faces(trace, int(k), foot[i], away[i], float(gap[i]), angle))
             most = STEEPEST + behind
