@@ -13,14 +13,22 @@ from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Out, SettingError
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel
-from palpate.nodes.contact.body_side import BodySide, body_side, pair_of, rub_of, side_of, spread_forces, take_loads
 from palpate.nodes.contact.carried import begins_to_ride, carry, end_ride, press_on, ride_on
 from palpate.nodes.contact.followed import follow, jumped, renew_factor
-from palpate.nodes.contact.given_bodies import GivenBody, given_bodies
-from palpate.nodes.contact.organ_answer import answer, balance_late, send_loads, send_ride
-from palpate.nodes.contact.organ_notes import growing_notes, start_notes
-from palpate.nodes.contact.room_to_follow import make_follow
-from palpate.nodes.contact.withheld import joins_run, leaps, withhold
+from palpate.nodes.contact.organs.body_side import (
+    BodySide,
+    body_side,
+    pair_of,
+    rub_of,
+    side_of,
+    spread_forces,
+    take_loads,
+)
+from palpate.nodes.contact.organs.given_bodies import GivenBody, given_bodies
+from palpate.nodes.contact.organs.organ_answer import answer, balance_late, send_loads, send_ride
+from palpate.nodes.contact.organs.organ_notes import growing_notes, start_notes
+from palpate.nodes.contact.organs.room_to_follow import make_follow
+from palpate.nodes.contact.organs.withheld import joins_run, leaps, withhold
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, tangents_of
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import following

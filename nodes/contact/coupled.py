@@ -15,9 +15,9 @@ from palpate.nodes.base.compiled import record
 from palpate.nodes.base.contacts import NO_VERTEX
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.contact.between import CUBE, Between
-from palpate.nodes.contact.body_side import pair_of, rub_of, side_of, take_loads
 from palpate.nodes.contact.coupled_step import active_of, begin, finish, repeat_loads, solve
-from palpate.nodes.contact.organ_answer import answer, balance_late, send_loads, send_ride
+from palpate.nodes.contact.organs.body_side import pair_of, rub_of, side_of, take_loads
+from palpate.nodes.contact.organs.organ_answer import answer, balance_late, send_loads, send_ride
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
 from palpate.physics.contact.organs.pivoting import ActiveSet, active_set

@@ -6,10 +6,10 @@ import numpy as np
 from palpate.compiler.dot import dot
 from palpate.compiler.records import floats, integers, longs, nth, put, unpacking, vector
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.nodes.contact.body_side import pair_of, rub_of, side_of, spread_forces
 from palpate.nodes.contact.carried import against, end_ride, press_on, ride_on
 from palpate.nodes.contact.followed import follow, jumped, keep_room, renew_matrix
-from palpate.nodes.contact.withheld import joins_run, leaps, withhold
+from palpate.nodes.contact.organs.body_side import pair_of, rub_of, side_of, spread_forces
+from palpate.nodes.contact.organs.withheld import joins_run, leaps, withhold
 from palpate.physics.bodies.floating.turning import cross
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled

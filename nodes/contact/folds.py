@@ -6,8 +6,8 @@ import numpy as np
 
 from palpate.nodes.base import SettingError
 from palpate.nodes.contact.between import Between
-from palpate.nodes.contact.given_bodies import GivenBody
-from palpate.nodes.contact.organ_notes import spacing_notes
+from palpate.nodes.contact.organs.given_bodies import GivenBody
+from palpate.nodes.contact.organs.organ_notes import spacing_notes
 from palpate.nodes.contact.side import Side
 from palpate.physics.bodies.between_bodies import BetweenBody, folded_between
 from palpate.physics.contact.organs.candidates import Candidates

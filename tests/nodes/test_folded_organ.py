@@ -10,7 +10,7 @@ from palpate.messages import Load
 from palpate.nodes.base import SettingError
 from palpate.nodes.contact import Between
 from palpate.nodes.contact.folds import Folds
-from palpate.nodes.contact.given_bodies import given_bodies
+from palpate.nodes.contact.organs.given_bodies import given_bodies
 from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.studies.organs.gaps import MM, cut_block
 

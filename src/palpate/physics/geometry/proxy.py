@@ -56,7 +56,7 @@ from palpate.physics.geometry.nurbs import normal_of
 from palpate.physics.geometry.phong import smooth_foot
 from palpate.physics.geometry.pseudonormal import face_normal, signed_distance
 from palpate.physics.geometry.search.foot import set_values, values_of
-from palpate.physics.geometry.trailing import keep_step, next_pace, rest, rise, stay, trail
+from palpate.physics.geometry.search.trailing import keep_step, next_pace, rest, rise, stay, trail
 
 JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3
@@ -267,13 +267,15 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
             held = min(
                 held + rise(rises - held + memory.gap, max(moved / LANDING, dt / ARRIVES), memory), memory.gap + rises
             )
-        elif exists:
+        elif exists and memory.rising > 0.0:  # a step without a length rises without a bound
             memory.drift += memory.rising * (rises - held + memory.gap)
         if exists and not leaves:
             memory.rising = 0.0
             _approach(p, moved, held, dt, foot, memory)
         else:
-            drift, memory.off, memory.behind, memory.pace = memory.drift, 0.0, 0.0, 0.0
+            drift, memory.off = memory.drift, 0.0
+            if leaves:
+                memory.behind = memory.pace = 0.0
             stay(memory, held, foot)
             rest(memory)
             memory.drift, memory.rising = (drift, memory.rising) if leaves else (0.0, 0.0)

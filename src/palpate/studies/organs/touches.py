@@ -156,12 +156,15 @@ def surface_sets(setting: Setting, folder: Path) -> list[str]:
 
 
 def _of_each_finger(setting: Setting) -> list[str]:
-    """The further values of `--set`; two fingers have nodes of their names each, and one contact."""
+    """The further values of `--set`: of a node of a finger for each finger; `contact` is the joint of two."""
     if setting.fingers == 1:
         return list(setting.more)
-    names = {"contact": ["joint"], "tissue": ["tissue"]}
-    parts = [(text.partition("."), names.get(text.partition(".")[0])) for text in setting.more]
-    return [f"{name}.{rest}" for (node, _, rest), given in parts for name in given or [node + t for t in setting.tags]]
+    texts = []
+    for text in setting.more:
+        node, _, rest = text.partition(".")
+        tagged = [f"{node}{tag}.{rest}" for tag in setting.tags] if node in ("device", "spread") else [text]
+        texts += [f"joint.{rest}"] if node == "contact" else tagged
+    return texts
 
 
 @lru_cache(maxsize=8)

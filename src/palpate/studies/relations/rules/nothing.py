@@ -80,17 +80,7 @@ def far_finger(case: Case, rng: np.random.Generator) -> Claim | None:
 
     other = Finger(move(one.begin), move(one.origin), ({"hold": LENGTH},))
     two = case.but(touch=type(touch)(touch.setting, (one, other)), fingers=2)
-    more = tuple(_for_two(text) for text in touch.setting.more)
-    two = two.but(more=tuple(text for texts in more for text in texts))
     return _nearly(case.run, two.run, case.near)
-
-
-def _for_two(text: str) -> list[str]:
-    """A setting of a node of a finger, for both fingers; `contact` is their joint."""
-    node, _, rest = text.partition(".")
-    if node in ("device", "spread"):
-        return [f"{node}-{k}.{rest}" for k in (1, 2)]
-    return [f"joint.{rest}" if node == "contact" else text]
 
 
 def causal(case: Case, rng: np.random.Generator) -> Claim:

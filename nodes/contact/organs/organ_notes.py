@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from palpate.nodes.contact.given_bodies import GivenBody
+from palpate.nodes.contact.organs.given_bodies import GivenBody
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs.candidates import Candidates
 
