@@ -5,6 +5,7 @@ do `tests/mutation.py`, which names the files, and `./check.sh --all`. A run of 
 listed ones out.
 
     ./check.sh --all --measure [FILE]...     writes the list again, for all files or for these
+    ./check.sh --measure                     adds what has become slow, without a run of those that are listed
 
 In each file one of the listed tests stays, the cheapest, so that no file that ends in a whole run is without one.
 """
@@ -101,9 +102,9 @@ class SlowTests:
                 test: cost + sum(self.fixtures[name] / users[name] for name in self.uses[test])
                 for test, cost in self.costs.items()
             }
-            files = {test.split("::")[0] for test in shares}
-            others = [test for test in read() if test.split("::")[0] not in files]
-            LIST.write_text(HEADER + "".join(f"{name}\n" for name in sorted(choose(shares) + others)), encoding="utf-8")
+            known = shares.keys() | {test.split("[")[0] for test in shares}
+            others = {test for test in read() if test not in known and (LIST.parents[1] / test.split("::")[0]).exists()}
+            LIST.write_text(HEADER + "".join(f"{name}\n" for name in sorted(others.union(choose(shares)))), "utf-8")
 
 
 def _name(fixturedef: Any) -> str:
