@@ -4,7 +4,8 @@ from typing import Annotated
 
 import msgspec
 
-from palpate.compiler.records import form, put, unpacking, vector
+from palpate.compiler.fields import form
+from palpate.compiler.records import put, unpacking, vector
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import CompiledNode, Ideal, Out, Wants
 from palpate.nodes.base.absence import (

@@ -6,7 +6,8 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import array_of, floats, form, lend_first, put, unpacking, vector
+from palpate.compiler.fields import form
+from palpate.compiler.records import array_of, floats, lend_first, put, unpacking, vector
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
 from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Ideal, Out, Wants
 from palpate.nodes.base.absence import PACE, gap_of, keep_pace

@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from palpate.compiler.records import floats, form, lend, lend_first, put, unpacking, vector
+from palpate.compiler.fields import form
+from palpate.compiler.records import floats, lend, lend_first, put, unpacking, vector
 from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import ARRAY, Agrees, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, fade_value

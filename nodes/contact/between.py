@@ -5,7 +5,8 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import floats, form, lend, put
+from palpate.compiler.fields import form
+from palpate.compiler.records import floats, lend, put
 from palpate.messages import Load
 from palpate.messages.contact import SIDES, OrganContact
 from palpate.messages.record import ROOM, array_handle

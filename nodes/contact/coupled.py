@@ -5,7 +5,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from palpate.compiler.records import floats, form, integers, longs, put
+from palpate.compiler.fields import form
+from palpate.compiler.records import floats, integers, longs, put
 from palpate.messages import Load
 from palpate.messages.contact import MOST_CONTACTS, OrganContact
 from palpate.messages.record import ROOM

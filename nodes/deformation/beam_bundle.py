@@ -6,7 +6,8 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.exact import row_times
-from palpate.compiler.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
+from palpate.compiler.fields import form
+from palpate.compiler.records import floats, integers, lend_first, longs, nth, unpacking, vector
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import ARRAY, TABLE, Calibrated, Follows, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, send_laws, spread_laws, unknown_vertex

@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 
 from palpate.compiler.exact import exp, log, row_times
-from palpate.compiler.fields import blank_record, element_type
-from palpate.compiler.records import array_of, floats, form, integers, lend_first, nth, one, put, unpacking, vector
+from palpate.compiler.fields import blank_record, element_type, form
+from palpate.compiler.records import array_of, floats, integers, lend_first, nth, one, put, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.messages.fields import Vector
 from palpate.nodes.base import ARRAY, TABLE, Agrees, Out, Part, SettingError, Switch

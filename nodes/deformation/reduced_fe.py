@@ -9,7 +9,8 @@ import numpy as np
 
 from palpate.compiler.entry_point import NO_FLOATS
 from palpate.compiler.exact import einsum, exp
-from palpate.compiler.records import floats, form, integers, nth, one, unpacking, vector
+from palpate.compiler.fields import form
+from palpate.compiler.records import floats, integers, nth, one, unpacking, vector
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import Agrees, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, spread_laws, unknown_vertex

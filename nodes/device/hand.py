@@ -5,7 +5,8 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import floats, form, integers, unpacking
+from palpate.compiler.fields import form
+from palpate.compiler.records import floats, integers, unpacking
 from palpate.messages import DeviceState, Pose, Vector3
 from palpate.nodes.base import ARRAY, TABLE, Agrees, CompiledNode, Ideal, Node, SettingError
 from palpate.nodes.base.kernels import kernel

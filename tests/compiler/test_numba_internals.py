@@ -19,7 +19,7 @@ FILES = (
     "compiler/code_cache.py", "compiler/target/passes.py",
     "compiler/target/elsewhere.py", "compiler/target/translation.py",
     "compiler/content/closure.py", "compiler/content/extensions.py", "compiler/generators/memory.py",
-    "compiler/generators/records.py", "compiler/generators/dot.py",
+    "compiler/generators/records.py", "compiler/generators/in_record.py", "compiler/generators/dot.py",
 )  # fmt: skip
 """Files that use private members."""
 PUBLIC = ("numba.extending", "numba.core.event", "numba.types")

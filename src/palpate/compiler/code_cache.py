@@ -25,11 +25,12 @@ from numba.core.serialize import dumps
 
 from palpate.compiler import kernel_cache, kernel_files, trust
 from palpate.compiler.content import bytecode, closure, extensions, origin, values
+from palpate.compiler.generators import in_record
 from palpate.compiler.target import code_library, passes, replaced, target
 
 _HERE = __name__.rpartition(".")[0]
 COMPILER = (
-    bytecode, closure, extensions, origin, values, code_library, passes, replaced, target,
+    bytecode, closure, extensions, origin, values, in_record, code_library, passes, replaced, target,
     f"{_HERE}.target.dispatcher",
 )  # fmt: skip
 """Modules that determine the code of all kernels, or the names of their files."""

@@ -4,10 +4,10 @@
 
 (): a number; (3,): a vector; int, bool; a dict: a group; (16, {...}): several groups; a dtype: itself. Kernels read and
 write the fields by name. A name that records of numpy have, such as `mean`, is an error: where a kernel runs in Python,
-`record.mean` would be numpy's method.
+`record.mean` would be numpy's method. A NamedTuple of arrays and numbers is another description: `form`.
 """
 
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -63,3 +63,22 @@ def blank_record(fields: dict[str, Any], **values: Any) -> Any:
     for name, value in values.items():
         made[name] = value
     return made
+
+
+def form(kind: type) -> np.dtype:
+    """The dtype of the record of a NamedTuple of numbers, tuples of numbers, NamedTuples, and arrays with element type
+    and number of axes, `Annotated[np.ndarray, "<f8", 2]`."""
+    return np.dtype([(name, *_member(hint)) for name, hint in members_of(kind)], align=True)
+
+
+def members_of(kind: type) -> list[tuple[str, Any]]:
+    """Names and type hints of the fields of a NamedTuple."""
+    return list(get_type_hints(kind, include_extras=True).items())
+
+
+def _member(hint: Any) -> tuple[Any, ...]:
+    if hasattr(hint, "__metadata__"):
+        return (np.dtype([("address", "<i8"), ("shape", "<i8", (hint.__metadata__[1],))], align=True),)
+    if get_origin(hint) is tuple:
+        return "<f8", (len(get_args(hint)),)
+    return (KINDS[hint],) if hint in KINDS else (form(hint),)

@@ -51,6 +51,7 @@ USED = {
     "untyped_passes.ReconstructSSA": "replaced",
     # What a kernel depends on, for the name of its cache file.
     "extending._Intrinsic": "an intrinsic, which depends on the function that generates its code",
+    "typing.templates.AttributeTemplate": "the way that numba documents to type attributes",
     "typing.templates.builtin_registry": "functions, methods and attributes that `overload` implements",
     "imputils.builtin_registry": "lowering from outside numba",
     # Arrays and records in kernels without owner and without allocation.
@@ -91,6 +92,7 @@ OVERRIDDEN = {
     "registry.CPUTarget._toplevel_target_context": "the code generation of the target",
     "registry.CPUDispatcher.targetdescr": "the target",
     "registry.CPUDispatcher.compile": "waits for other processes, and suspends garbage collection",
+    "registry.CPUDispatcher.typeof_pyval": "NamedTuples of arrays are in memory",
     "registry.CPUDispatcher.get_call_template": "a call from a kernel uses the function without wrapper",
     "registry.CPUDispatcher.get_overload": "the same, and the code for a call from `numba.njit`",
     "compiler.CompilerBase.define_pipelines": "the passes of kernels",

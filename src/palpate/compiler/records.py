@@ -2,15 +2,14 @@
 
 A record is a numpy structure of fixed size with fields that kernels read and write by name. An array of any length is
 represented by its address and shape, without ownership: `floats`, `integers` and `longs` return the array. A record may
-also contain a NamedTuple of arrays and numbers, such as the state of a body in `physics`: `form`, `unpacking`.
+also contain a NamedTuple of arrays and numbers, such as the state of a body in `physics`: `fields.form`, `unpacking`.
 """
 
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any
 
 import numpy as np
 
 from palpate.compiler import interpreted
-from palpate.compiler.fields import KINDS
 from palpate.compiler.kernel import CompiledKernel, kernel
 from palpate.compiler.target.intrinsic import intrinsic
 
@@ -53,27 +52,9 @@ def array_of(element: str | np.dtype) -> Any:
 floats, integers, longs = map(array_of, ("<f8", "<i4", "<i8"))
 
 
-def form(kind: type) -> np.dtype:
-    """The dtype of the record of a NamedTuple of numbers, tuples of numbers, NamedTuples, and arrays with element type
-    and number of axes, `Annotated[np.ndarray, "<f8", 2]`."""
-    return np.dtype([(name, *_member(hint)) for name, hint in members_of(kind)], align=True)
-
-
-def members_of(kind: type) -> list[tuple[str, Any]]:
-    """Names and type hints of the fields of a NamedTuple."""
-    return list(get_type_hints(kind, include_extras=True).items())
-
-
-def _member(hint: Any) -> tuple[Any, ...]:
-    if hasattr(hint, "__metadata__"):
-        return (np.dtype([("address", "<i8"), ("shape", "<i8", (hint.__metadata__[1],))], align=True),)
-    if get_origin(hint) is tuple:
-        return "<f8", (len(get_args(hint)),)
-    return (KINDS[hint],) if hint in KINDS else (form(hint),)
-
-
 def unpacking(kind: type) -> Any:
-    """An intrinsic for kernels that converts a record to its NamedTuple; arrays are those that the record refers to."""
+    """An intrinsic for kernels that returns the NamedTuple in a record. One with arrays stays in the record: kernels
+    read its members by name and cannot take it apart (`generators.in_record`); so do those that Python calls."""
     return intrinsic(interpreted.unpacking(kind), "records.unpacking", kind)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from llvmlite import ir
 
 from palpate.compiler.content.origin import is_library, is_library_function, name_of
+from palpate.compiler.generators.in_record import InRecord
 from palpate.compiler.target.deferred import made
 
 Type = numba.types.Type
@@ -120,7 +121,7 @@ class Values:
         return ("module", value.__name__) if is_library(value.__name__) else None
 
     def _class(self, value: type) -> Any:
-        if is_library(value.__module__):
+        if is_library(value.__module__) or value is InRecord:  # its file counts for all kernels (`code_cache`)
             return ("of", *name_of(value))
         if issubclass(value, enum.Enum):
             return ("members", *name_of(value), *((name, self.data(m.value)) for name, m in value.__members__.items()))
@@ -139,6 +140,8 @@ class Values:
         known = _TYPES.get(id(value))
         if known is not None:
             return known[1]
+        if isinstance(value, InRecord):
+            return ("type", InRecord.__name__, value.key)
         if not is_library(type(value).__module__):
             return ("type", self.refer(type(value)), self.data(value.key))
         if (dispatcher := getattr(value, "dispatcher", None)) is not None:

@@ -1,18 +1,17 @@
 """Generated code of `compiler.records`."""
 
 from collections.abc import Callable
-from typing import Any, get_args, get_origin
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import from_dtype, types
+from numba import types
 from numba.core import cgutils
-from numba.np.arrayobj import make_array, populate_array
 
+from palpate.compiler.generators.in_record import array as array_at
+from palpate.compiler.generators.in_record import element_of, read, type_of
 from palpate.compiler.generators.memory import BYTE, INTEGER
-from palpate.compiler.records import MOST, RAISED, form, members_of
-
-NUMBERS = {float: types.float64, int: types.int64, bool: types.boolean}
+from palpate.compiler.records import MOST, RAISED
 
 
 def invoke(typing: Any, function: Any, records: Any, count: Any, dt: Any) -> Any:
@@ -45,38 +44,18 @@ def invoke(typing: Any, function: Any, records: Any, count: Any, dt: Any) -> Any
     return form, generate
 
 
-ELEMENTS: dict[str, Any] = {
-    "<f8": types.float64, "<f4": types.float32, "<i8": types.int64, "<i4": types.int32, "|u1": types.uint8,
-    "|b1": types.boolean,
-}  # fmt: skip
-"""Element types of arrays."""
-
-
-def _element(element: str | np.dtype) -> Any:
-    return ELEMENTS[element] if isinstance(element, str) else from_dtype(element)
-
-
-def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
-    """The array whose address and shape are in memory at `handle`."""
-    words = builder.bitcast(handle, INTEGER.as_pointer())
-    word = [builder.load(builder.gep(words, [ir.Constant(INTEGER, i)])) for i in range(1 + form.ndim)]
-    array, size = make_array(form)(context, builder), context.get_abi_sizeof(context.get_data_type(form.dtype))
-    steps = [ir.Constant(INTEGER, size)]
-    for length in reversed(word[2:]):
-        steps.insert(0, builder.mul(steps[0], length))
-    populate_array(
-        array, data=builder.inttoptr(word[0], array.data.type), shape=word[1:], strides=steps,
-        itemsize=ir.Constant(INTEGER, size), meminfo=None,
-    )  # fmt: skip
-    return array._getvalue()
-
-
 def array_of(element: str | np.dtype) -> Callable[..., Any]:
     """The generator for arrays of this element type."""
 
     def array(typing: Any, handle: Any) -> Any:
-        form = types.Array(_element(element), handle.typeof("shape").nitems, "C")
-        return form(handle), lambda context, builder, _, given: _array(context, builder, form, given[0])
+        form = types.Array(element_of(element), handle.typeof("shape").nitems, "C")
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            words = builder.bitcast(arguments[0], INTEGER.as_pointer())
+            places = [builder.gep(words, [ir.Constant(INTEGER, i)]) for i in range(1 + form.ndim)]
+            return array_at(context, builder, form, [builder.load(place) for place in places])
+
+        return form(handle), generate
 
     return array
 
@@ -85,40 +64,12 @@ def unpacking(kind: type) -> Callable[..., Any]:
     """The generator for this NamedTuple."""
 
     def unpack(typing: Any, record: Any) -> Any:
-        return _type(kind)(record), lambda context, builder, _, given: _unpack_member(context, builder, kind, given[0])
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return read(context, builder, kind, builder.bitcast(arguments[0], BYTE))
+
+        return type_of(kind)(record), generate
 
     return unpack
-
-
-def _type(hint: Any) -> Any:
-    if hasattr(hint, "__metadata__"):
-        element, ndim = hint.__metadata__
-        return types.Array(_element(element), ndim, "C")
-    if get_origin(hint) is tuple:
-        return types.UniTuple(types.float64, len(get_args(hint)))
-    if hint in NUMBERS:
-        return NUMBERS[hint]
-    return types.BaseTuple.from_types([_type(member) for _, member in members_of(hint)], hint)
-
-
-def _unpack_member(context: Any, builder: Any, hint: Any, at: Any) -> Any:
-    """The value of a member of a record at an address."""
-    if hasattr(hint, "__metadata__"):
-        return _array(context, builder, _type(hint), at)
-    if hint in NUMBERS:
-        kind = NUMBERS[hint]
-        return context.unpack_value(builder, kind, builder.bitcast(at, context.get_data_type(kind).as_pointer()))
-    at = builder.bitcast(at, BYTE)
-    if get_origin(hint) is tuple:
-        members = [(8 * place, float) for place in range(len(get_args(hint)))]
-    else:
-        record = form(hint)
-        members = [(record.fields[name][1], member) for name, member in members_of(hint)]  # type: ignore[index]
-    values = [
-        _unpack_member(context, builder, member, builder.gep(at, [ir.Constant(INTEGER, offset)]))
-        for offset, member in members
-    ]
-    return context.make_tuple(builder, _type(hint), values)
 
 
 def nth(typing: Any, several: Any, place: Any) -> Any:

@@ -65,6 +65,15 @@ class KernelDispatcher(CachedFunction):
     A function called by kernels needs neither; the wrapper for Python is made when Python calls it.
     """
 
+    def typeof_pyval(self, val: Any) -> Any:
+        """numba's type of an argument; NamedTuples of arrays are in memory, as for nodes."""
+        if isinstance(val, tuple) and hasattr(val, "_fields"):
+            from palpate.compiler.generators.in_record import type_of_value
+
+            if (found := type_of_value(val)) is not None:
+                return found
+        return super().typeof_pyval(val)
+
     @cached_property
     def bare(self) -> CachedFunction:
         """For other kernels, which include its code."""

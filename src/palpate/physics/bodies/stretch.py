@@ -121,7 +121,7 @@ def limit_stretch(
     """
     if _excess(vectors, count, limit, least, edges, place, nodes, room.lengths) == 1.0:
         return 0
-    lengths, queue, queued = room
+    lengths, queue, queued = room.lengths, room.queue, room.queued
     for slot in range(count):
         lengths[slot] = math.sqrt(_square(vectors, slot))
         queue[slot] = slot
