@@ -4,9 +4,13 @@
 set -eu
 cd "$(dirname "$0")"
 unset PYTHONDONTWRITEBYTECODE # containers set it; then each later command would parse a thousand sources again
+tests=no
 case "${1:-}" in
     "") set -- "palpate[view,page,devices]" "vtk<9.6; python_version < '3.14'" ;; # later wheels of VTK are 120 MB larger
-    dev) set -- "palpate[all,dev]" ;;
+    dev)
+        tests=yes
+        set -- "palpate[all,dev]"
+        ;;
     *)
         echo "setup: found '$1', expected nothing or 'dev'" >&2
         exit 2
@@ -51,15 +55,25 @@ fi
 install() {
     .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile "$@"
 }
+finish_kernels() {
+    wait $kernels || echo "setup: the kernels were not compiled; the first run compiles them" >&2
+}
 
-# The kernels of the usual graphs are compiled, on two cores, while pip installs the packages for pictures.
+# The kernels of the usual graphs are compiled, on two cores, while pip installs the packages for pictures. The tests
+# need nearly all kernels: while pip installs their packages, as many are compiled as that takes.
 install -e .
 .venv/bin/python -m palpate.cli.machine.kernels &
-kernels=$!
-trap 'kill $kernels 2>/dev/null || true' EXIT
+kernels=$! others=""
+trap 'kill $kernels $others 2>/dev/null || true' EXIT
+if [ "$tests" = yes ]; then
+    install "palpate[view,page,devices]"
+    finish_kernels
+    .venv/bin/python -m palpate.cli.machine.kernels all >/dev/null 2>&1 &
+    others=$!
+fi
 install "$@"
 .venv/bin/python -m palpate.cli.machine.bytecode tests/golden/kidney.mcap >/dev/null ||
     echo "setup: the bytecode was not written; commands start more slowly" >&2
-wait $kernels || echo "setup: the kernels were not compiled; the first run compiles them" >&2
+if [ "$tests" = yes ]; then kill $others 2>/dev/null || true; else finish_kernels; fi
 trap - EXIT
 echo "palpate is ready: .venv/bin/palpate"
