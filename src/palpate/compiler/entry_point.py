@@ -30,10 +30,8 @@ def entry_point(kernel: Callable[..., Any], *example: Any) -> Callable[..., Any]
     """
     if not is_compiled(kernel) or interpreted.ENABLED:
         return kernel
-    from numba import typeof
-
     function: Any = made(kernel)
-    given = tuple(map(typeof, example))
+    given = tuple(map(function.typeof_pyval, example))
     known = function.overloads.get(given)
     return function.compile(given) if known is None else known.entry_point
 

@@ -99,7 +99,7 @@ def _fits(value: Any, hints: dict[str, Any]) -> bool:
             element, axes = hint.__metadata__
             if type(member) is not np.ndarray or member.ndim != axes or member.dtype != element:
                 return False
-            if not (member.flags.carray or (member.size == 0 and member.flags.behaved and member.flags.c_contiguous)):
+            if not member.flags.carray:
                 return False
         elif hint in NUMBERS:
             if type(member) is not hint:
