@@ -155,3 +155,19 @@ def test_calls_keep_no_reference_to_an_array_and_arrays_without_rows_have_none()
     for _ in range(100):
         assert summed(own, 2.0) == expected(own, 2.0)
     assert [sys.getrefcount(each) for each in (own.cube, own.inner.table)] == counts
+
+
+class WithUnits(NamedTuple):
+    stiff: Annotated[float, "N/m"]
+    places: Annotated[np.ndarray, "m"]
+    later: "Undefined"  # noqa: F821
+
+
+@kernel
+def third(given):
+    return given.stiff + given.places[1] + given.later
+
+
+@needs_numba
+def test_hints_of_another_kind_are_none():
+    assert third(WithUnits(1.0, np.arange(3.0), 4)) == 6.0

@@ -83,7 +83,7 @@ def form_of(kind: type) -> Any:
     try:
         form(kind)
         return type_of(kind) if _has_arrays(kind) else None
-    except (KeyError, NameError, TypeError, AttributeError, ValueError):
+    except Exception:  # hints may be anything, such as a unit, `Annotated[float, "N"]`, or a name that is not defined
         return None
 
 
