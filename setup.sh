@@ -55,25 +55,20 @@ fi
 install() {
     .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile "$@"
 }
-finish_kernels() {
-    wait $kernels || echo "setup: the kernels were not compiled; the first run compiles them" >&2
-}
-
 # The kernels of the usual graphs are compiled, on two cores, while pip installs the packages for pictures. The tests
-# need nearly all kernels: while pip installs their packages, as many are compiled as that takes.
+# need nearly all kernels: of the others as many are compiled as pip takes for their packages.
 install -e .
-.venv/bin/python -m palpate.cli.machine.kernels &
-kernels=$! others=""
-trap 'kill $kernels $others 2>/dev/null || true' EXIT
-if [ "$tests" = yes ]; then
-    install "palpate[view,page,devices]"
-    finish_kernels
-    .venv/bin/python -m palpate.cli.machine.kernels all >/dev/null 2>&1 &
-    others=$!
-fi
+(
+    [ "$tests" = yes ] || exec .venv/bin/python -m palpate.cli.machine.kernels
+    .venv/bin/python -m palpate.cli.machine.kernels
+    exec .venv/bin/python -m palpate.cli.machine.kernels all >/dev/null 2>&1
+) &
+kernels=$!
+trap 'kill $kernels 2>/dev/null || true' EXIT
 install "$@"
 .venv/bin/python -m palpate.cli.machine.bytecode tests/golden/kidney.mcap >/dev/null ||
     echo "setup: the bytecode was not written; commands start more slowly" >&2
-if [ "$tests" = yes ]; then kill $others 2>/dev/null || true; else finish_kernels; fi
+{ [ "$tests" = yes ] && kill $kernels 2>/dev/null; } || wait $kernels ||
+    echo "setup: the kernels were not compiled; the first run compiles them" >&2
 trap - EXIT
 echo "palpate is ready: .venv/bin/palpate"
