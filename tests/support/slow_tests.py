@@ -47,7 +47,7 @@ class SlowTests:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
-        if config.getoption("all_tests") or any(".py" in named for named in config.args):
+        if _runs_listed(config):
             return
         listed = read()
         left_out = {
@@ -103,8 +103,16 @@ class SlowTests:
                 for test, cost in self.costs.items()
             }
             known = shares.keys() | {test.split("[")[0] for test in shares}
+            if _runs_listed(session.config):  # a name of these files that has not run is that of no test
+                files = {test.split("::")[0] for test in shares}
+                known |= {test for test in read() if test.split("::")[0] in files}
             others = {test for test in read() if test not in known and (LIST.parents[1] / test.split("::")[0]).exists()}
             LIST.write_text(HEADER + "".join(f"{name}\n" for name in sorted(others.union(choose(shares)))), "utf-8")
+
+
+def _runs_listed(config: pytest.Config) -> bool:
+    """Whether a run contains listed tests as well."""
+    return config.getoption("all_tests") or any(".py" in named for named in config.args)
 
 
 def _name(fixturedef: Any) -> str:

@@ -12,6 +12,7 @@ from numba.core.target_extension import current_target, target_override
 
 from palpate.compiler import generators
 from palpate.compiler.code_cache import CodeCache
+from palpate.compiler.generators.in_record import type_of_value
 from palpate.compiler.target.deferred import make_all
 from palpate.compiler.target.target import PINNED, TARGET, Pinned
 from palpate.registry import collection_suspended, modules, with_room
@@ -67,11 +68,8 @@ class KernelDispatcher(CachedFunction):
 
     def typeof_pyval(self, val: Any) -> Any:
         """numba's type of an argument; NamedTuples of arrays are in memory, as for nodes."""
-        if isinstance(val, tuple) and hasattr(val, "_fields"):
-            from palpate.compiler.generators.in_record import type_of_value
-
-            if (found := type_of_value(val)) is not None:
-                return found
+        if isinstance(val, tuple) and hasattr(val, "_fields") and (found := type_of_value(val)) is not None:
+            return found
         return super().typeof_pyval(val)
 
     @cached_property
