@@ -175,11 +175,12 @@ class Mesh(_Nearest, OnSurface):
             tables = search.tables
         except ValueError as error:
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
-        self._share(part, mesh, tables.cells["origin"])
+        origin: np.ndarray = tables.cells["origin"]  # a view
+        self._share(part, mesh, origin)
         if part is not None:
-            tables.cells["origin"] = part.origin[tables.cells["origin"]]
+            origin[:] = part.origin[origin]
         elif bridged.felt is not None:
-            tables.cells["origin"] = bridged.felt.origin[tables.cells["origin"]]
+            origin[:] = bridged.felt.origin[origin]
         border = edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0
         held = *tables.arrays, *search.scratch(), memory(border, self.thickness)
         for name, each in zip([n for n in self.State if n not in (*CAUTIONS, *SHARED)], held, strict=True):

@@ -16,7 +16,14 @@ def test_slow_tests_are_listed_and_the_cheapest_of_each_file_stays():
         "b.py::cases[1]": 2.0, "b.py::cases[2]": 0.2, "b.py::cases[3]": 1.0,
         "c.py::all[1]": 20.0, "c.py::all[2]": 30.0,
     }  # fmt: skip
-    assert sorted(choose(costs)) == ["a.py::slower", "b.py::cases[1]", "c.py::all"]
+    assert sorted(choose(costs, {}, {})) == ["a.py::slower", "b.py::cases[1]", "c.py::all"]
+
+
+def test_a_fixture_is_shared_by_the_tests_that_stay():
+    costs = {"a.py::with[1]": 4.0, "a.py::with[2]": 3.0, "a.py::last": 0.1, "a.py::without": 0.1}
+    uses = {test: ["made"] for test in ("a.py::with[1]", "a.py::with[2]", "a.py::last")}
+    assert sorted(choose(costs, {"made": 1.2}, uses)) == ["a.py::with"]
+    assert sorted(choose(costs, {"made": 2.4}, uses)) == ["a.py::last", "a.py::with"]
 
 
 def test_every_listed_file_exists():

@@ -140,7 +140,7 @@ def places(node):
             indices = each.slice.elts if isinstance(each.slice, ast.Tuple) else [each.slice]
             for index in indices:
                 if not isinstance(index, ast.Slice):
-                    yield ast.unparse(each.value), index
+                    yield each.value, index
 
 
 def parts(index):
@@ -163,10 +163,12 @@ def numbered_places(trees):
     alone, numbered = (set().union(*each) for each in zip(*kinds, strict=True))
     found = defaultdict(set)
     for file, tree in trees.items():
-        found[file] |= {array for array, index in places(tree) if names(index) & numbered}
+        found[file] |= {ast.unparse(array) for array, index in places(tree) if names(index) & numbered}
         for kernel in filter(is_kernel, ast.walk(tree)):
             found[file] |= {
-                array for array, index in places(kernel) if names(index) & (alone | numbered) or is_literal(index)
+                ast.unparse(array)
+                for array, index in places(kernel)
+                if names(index) & (alone | numbered) or is_literal(index)
             }
     return {file: arrays for file, arrays in found.items() if arrays}
 

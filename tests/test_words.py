@@ -152,13 +152,14 @@ def markdown(text: str) -> Iterator[tuple[int, str]]:
 
 
 def python(text: str) -> Iterator[tuple[int, str]]:
-    """Line and text of each comment, of each string with a space (docstrings, messages), and of each test name; of a
-    file without a listed word nothing, as most are, since reading its tokens takes long."""
+    """Line and text of each comment, of each string with a space (docstrings, messages), and of each test name. Reading
+    the tokens takes long: none of a file without a listed word, and comments only where one follows a `#`."""
     if not WORD.search(text.lower().replace("_", " ")):
         return
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type == tokenize.COMMENT:
-            yield token.start[0], token.string
+    if any(WORD.search(line.partition("#")[2].lower()) for line in text.splitlines() if "#" in line):
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            if token.type == tokenize.COMMENT:
+                yield token.start[0], token.string
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
             for number, line in enumerate(re.sub(r"`[^`\n]*`", " ", node.value).splitlines()):

@@ -12,7 +12,7 @@ In each file one of the listed tests stays, the cheapest, so that no file that e
 
 import os
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ import pytest
 
 LIST = Path(__file__).parents[1] / "slow.txt"
 LIMIT = 0.5
-"""Processor time of a test and the processes below it, with its share of the fixtures of its file [s]."""
+"""Processor time of a test and the processes below it, with its share of the fixtures that others use as well [s]."""
 STAYS = 2.0
 """The cheapest slow test of a file stays below this processor time [s]."""
 ALWAYS = ("tests/test_", "tests/compiler/test_reproducible.py::test_python_code_on_the_way")
@@ -97,17 +97,13 @@ class SlowTests:
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         if self.measures and not hasattr(session.config, "workerinput"):
-            users = Counter(chain.from_iterable(self.uses.values()))
-            shares = {
-                test: cost + sum(self.fixtures[name] / users[name] for name in self.uses[test])
-                for test, cost in self.costs.items()
-            }
-            known = shares.keys() | {test.split("[")[0] for test in shares}
+            known = self.costs.keys() | {test.split("[")[0] for test in self.costs}
             if _runs_listed(session.config):  # a name of these files that has not run is that of no test
-                files = {test.split("::")[0] for test in shares}
+                files = {test.split("::")[0] for test in self.costs}
                 known |= {test for test in read() if test.split("::")[0] in files}
             others = {test for test in read() if test not in known and (LIST.parents[1] / test.split("::")[0]).exists()}
-            LIST.write_text(HEADER + "".join(f"{name}\n" for name in sorted(others.union(choose(shares)))), "utf-8")
+            listed = others.union(choose(self.costs, self.fixtures, self.uses))
+            LIST.write_text(HEADER + "".join(f"{name}\n" for name in sorted(listed)), "utf-8")
 
 
 def _runs_listed(config: pytest.Config) -> bool:
@@ -130,19 +126,37 @@ def read() -> set[str]:
     return {line for line in lines if line and not line.startswith("#")}
 
 
-def choose(costs: dict[str, float]) -> list[str]:
+def choose(costs: Mapping[str, float], fixtures: Mapping[str, float], uses: Mapping[str, list[str]]) -> list[str]:
     """Of these tests those to list: a test whose cases are all slow by its name, others case by case.
 
-    costs    processor time by test [s]
+    A fixture is set up in a run if one of its tests is in it: those that stay share its cost.
+
+    costs     processor time by test without shared fixtures [s]
+    fixtures  processor time by shared fixture [s]
+    uses      shared fixtures by test
     """
-    files = defaultdict(list)
-    cases = defaultdict(set)
-    for test, cost in costs.items():
+    cases, slow, stays = defaultdict(set), set[str](), dict(costs)
+    for test in costs:
         cases[test.split("[")[0]].add(test)
+    while more := _slow({test: cost for test, cost in _with_shares(stays, fixtures, uses)}):
+        slow |= more
+        stays = {test: cost for test, cost in stays.items() if test not in more}
+    return list({name if cases[name] <= slow else test for test in slow for name in [test.split("[")[0]]})
+
+
+def _with_shares(
+    costs: Mapping[str, float], fixtures: Mapping[str, float], uses: Mapping[str, list[str]]
+) -> Iterator[tuple[str, float]]:
+    """Each test with its cost and its share of its fixtures [s]."""
+    users = Counter(chain.from_iterable(uses.get(test, ()) for test in costs))
+    for test, cost in costs.items():
+        yield test, cost + sum(fixtures[name] / users[name] for name in uses.get(test, ()))
+
+
+def _slow(costs: Mapping[str, float]) -> set[str]:
+    """The slow tests of each file, without the cheapest of them if it may stay."""
+    files = defaultdict(list)
+    for test, cost in costs.items():
         if cost > LIMIT and not test.startswith(ALWAYS):
             files[test.split("::")[0]].append((cost, test))
-    slow = set()
-    for found in files.values():
-        cheapest = min(found)
-        slow |= {test for cost, test in found if (cost, test) != cheapest or cost > STAYS}
-    return list({name if cases[name] <= slow else test for test in slow for name in [test.split("[")[0]]})
+    return {test for found in files.values() for cost, test in found if (cost, test) != min(found) or cost > STAYS}

@@ -28,7 +28,7 @@ FOLDS = "scene.folds={tissue: {reach: 3 mm}}"
 PRESS = f"[{{to: [0, -0.003, {TOP - 8e-3}], time: 0.25}}, {{hold: 0.1}}, {{to: [0, -0.003, {TOP + 8e-3}], time: 0.1}}]"
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(scope="module")
 def slot(tmp_path_factory):
     """The values of `--set` of the block, whose basis is built."""
     folder = tmp_path_factory.mktemp("slot")

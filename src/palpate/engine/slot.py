@@ -440,8 +440,9 @@ class ObserverSlot:
             self.pending += [message for message in block.messages() if message[0] in self.streams]
             return
         self.take()
-        used = [stream in self.streams for stream in block.streams]
-        entries = block.entries if all(used) else block.entries[np.array(used)[block.entries["number"]]]
+        used, entries = [stream in self.streams for stream in block.streams], block.entries
+        if not all(used):
+            entries = entries[np.array(used)[entries["number"]]]
         if not len(entries):
             return
         begun, tick = perf_counter_ns(), int(entries["tick"][-1])

@@ -189,7 +189,8 @@ def _make_tables(mesh: Mesh, radius: float, areas: np.ndarray, normals: np.ndarr
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     margin = 20 * float(np.max(high - low))
     vertices, triangles, faces = map(np.ascontiguousarray, (mesh.vertices, mesh.triangles, mesh.face_vectors))
-    edges = np.linalg.norm(np.diff(vertices[triangles[:, [0, 1, 2, 0]]], axis=1), axis=2)
+    around = vertices[triangles[:, [0, 1, 2, 0]]]
+    edges = np.linalg.norm(np.diff(around, axis=1), axis=2)
     x, y, z = map(float, origin)
     return (
         (x, y, z), float(side), float(edges.max(initial=0.0)), shape, first, order, near, vertices, triangles, faces,

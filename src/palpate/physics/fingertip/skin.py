@@ -81,12 +81,12 @@ def sheet(points: Points, triangles: Triangles, modulus: float, poisson: float, 
     pairs = np.stack([np.repeat(triangles, 3, axis=1), np.tile(triangles, (1, 3))], axis=-1).reshape(-1, 2)
     diagonal = np.stack([np.arange(count)] * 2, axis=1)
     unique, inverse = np.unique(np.concatenate([diagonal, pairs]), axis=0, return_inverse=True)
-    inverse = inverse.ravel()
+    inverse, bands = inverse.ravel(), np.abs(unique[:, 0] - unique[:, 1])
     rows = np.zeros(count + 1, dtype=np.int64)
     np.cumsum(np.bincount(unique[:, 0], minlength=count), out=rows[1:])
     return Sheet(
         triangles, blocks, inverse[count:].reshape(-1, 9), rows, np.ascontiguousarray(unique[:, 1]),
-        inverse[:count].copy(), int(np.abs(unique[:, 0] - unique[:, 1]).max(initial=0)),
+        inverse[:count].copy(), int(bands.max(initial=0)),
     )  # fmt: skip
 
 

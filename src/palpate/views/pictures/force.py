@@ -34,8 +34,10 @@ def draw_picture(touch: TouchStreams) -> Figure | None:
             return None
         contact = _depths(contact, pose, slices)
     depths = _shown(contact, measured)
-    chosen = min(slices, key=lambda part: np.linalg.norm(np.diff(contact["foot"][part], axis=0), axis=1).sum())
-    moved = float(np.linalg.norm(np.ptp(contact["foot"][chosen], axis=0)))
+    foot: np.ndarray = contact["foot"]
+    ways = [float(np.linalg.norm(np.diff(foot[part], axis=0), axis=1).sum()) for part in slices]
+    chosen = slices[ways.index(min(ways))]
+    moved = float(np.linalg.norm(np.ptp(foot[chosen], axis=0)))
     at_one_place = moved <= FIXED
     slid = "" if at_one_place else f"  (the finger moved {1e3 * moved:.0f} mm along the surface)"
     # One panel per depth, with the loop of the chosen touch over the other touches.

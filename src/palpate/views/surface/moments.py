@@ -161,10 +161,8 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
         field = displace_vertices(surface, len(shown.mesh.vertices))
         along = mean_drag(shown.mesh.vertices, field, feet[k], normals[k]) * (loads[k] > 0.0)[:, None]
         for first, end, moved in shown.carried({s: found[tick] for s, found in motions.items() if tick in found}):
-            rest = shown.mesh.vertices[first:end]
-            field[first:end] = (
-                moved.points(rest + field[first:end]) - rest if moved.turn else field[first:end] + moved.way
-            )
+            rest, part = shown.mesh.vertices[first:end], field[first:end]  # a view
+            part[:] = moved.points(rest + part) - rest if moved.turn else part + moved.way
         frames = [
             _frame(finger.motions, int(organ), motions, tick)
             for finger, organ in zip(touch.fingers, nearest[k], strict=True)

@@ -79,8 +79,8 @@ def hides(
         return hidden
     order = morton_order(points)
     balls = np.zeros(len(points), BALLS)
-    balls["middle"], balls["normal"] = points[order], normals[order]
-    balls["centre"] = balls["middle"] + radius * balls["normal"]
+    middle, normal = points[order], normals[order]
+    balls["middle"], balls["normal"], balls["centre"] = middle, normal, middle + radius * normal
     tables = closest.tables
     count, nodes = len(tables.points), np.empty(len(tables.discs), np.int64)
     margin = np.zeros(count)

@@ -48,7 +48,8 @@ def smooth_vertices(mesh: Mesh, sharp: np.ndarray, corner: np.ndarray) -> Mesh:
         return mesh
     narrow, wider, smooth = _fits(mesh, near, breaks, np.arange(len(breaks)), usual)
     most = LIMIT * np.maximum(np.sqrt(narrow["noise"]), usual) * narrow["wide"]
-    offset = np.where(smooth, np.clip(wider["terms"][:, 0] * wider["wide"], -most, most), 0.0)
+    offset: np.ndarray = wider["terms"][:, 0] * wider["wide"]
+    offset = np.where(smooth, np.clip(offset, -most, most), 0.0)
     return Mesh(mesh.vertices + offset[:, None] * mesh.normals, mesh.triangles)
 
 
