@@ -48,6 +48,7 @@ from palpate.physics.device.rendered import (
     SURFACE,
     WALL,
     compensation,
+    correct_slope,
     lift,
     rejoin,
     slope,
@@ -198,8 +199,10 @@ def render(
     if state.rise > 0.0:  # after an outage the force also rises while the finger rests
         state.wall.line += RECOVERY * dt
     steepness = slope(state.gauge, force, closer - along, sideways, SPAN * gains.resolution, dt)
+    least = 0.25 * SPAN * gains.resolution
+    correct_slope(state.gauge, force, sideways, most, least)
     shown = soften(state.wall, force, approach, -along, sideways + closer, most, gains.resolution, dt)
-    shown = rejoin(state.wall, state.gauge, shown, closer - along, most, 0.25 * SPAN * gains.resolution, dt)
+    shown = rejoin(state.wall, state.gauge, shown, closer - along, most, least, dt)
     elapsed = state.clock - past.time[before]
     if shown == 0.0 or not elapsed > 0.0:
         return shown, shown

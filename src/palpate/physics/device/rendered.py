@@ -27,6 +27,13 @@ that a line that replaces a steep law stays. A law F ~ s^n with n >= 1 that is n
 >= F²/2K, and is not limited. W alone would let a law that is soft at first and then steep, as that of a fingertip on a
 rigid body, return too far. The work of friction does not count: a slide on a hard surface would pay for an oscillation.
 
+Nor does a steep slope show a steep law: where the finger gains speed, viscosity adds to it, and a finger that then stops
+within a few steps measures no other. A law that stiffens with depth is in a retreat at most as steep as the secant from
+there to the turn before it. At that turn the finger had no speed, and the viscosity of a retreat lowers the force, so
+that a measured secant is never too small. Where it is not steep it replaces a slope that is, and the next slope is
+measured from there. Depth does not explain a force above that of the turn, nor one after a slide longer than the
+retreat: these replace nothing.
+
 Exact positions have no steps, and a slope over a tick is not that of a law. In a slide the place changes the force, and
 its change over a motion along the normal of 2 % of the way was taken for a slope of 60 kN/m, whose damping changed the
 force on the hand by twice what the contact did. There the slope is a fit over the ticks within `FORGET`, in which a
@@ -56,9 +63,13 @@ FASTEST = 1.0  # [m/s] at which each motion counts in that mean
 WALL = {"line": (), "law": (), "cut": bool, "below": ()}
 """The line [N] that bounds the force, the last contact force [N], whether the line is active, and the time [s] that the
 force has been below it."""
-GAUGE = {"slope": (), "depth": (), "mark": (), "mark_force": (), "rise": (), "square": (), "paid": (), "shown": ()}
+GAUGE = {
+    "slope": (), "depth": (), "mark": (), "mark_force": (), "rise": (), "square": (), "paid": (), "shown": (),
+    "turn": (), "turn_force": (), "retreat": (), "slid": (),
+}  # fmt: skip
 """The slope [N/m], the depth since contact began [m], the depth [m] and force [N] from which the slope is measured, the
-means of `fit_slope` [N m], [m²], the work of the rendered force since contact began [J], and this force [N]."""
+means of `fit_slope` [N m], [m²], the work of the rendered force since contact began [J], and this force [N]; the depth
+[m] and force [N] at the last turn outwards; since then the least depth [m] and the length of the slide [m]."""
 SURFACE = {"compression": (), "growth": (), "way": (), "sideways": ()}
 """Compression [m] of the fingertip, and means [m] of its growth in a step and of the finger's motion, of `lift`."""
 
@@ -187,6 +198,27 @@ def is_steep(gauge: Record, force: float, most: float, least: float):
     if length == 0.0 or abs(length) < least:
         return gauge.slope > most or (gauge.mark == 0.0 and gauge.mark_force == 0.0)
     return gauge.slope > most or (force - gauge.mark_force) / length > most
+
+
+@kernel
+def correct_slope(gauge: Record, force: float, sideways: float, most: float, least: float):
+    """Replace a slope steeper than `most` [N/m] by that to the last turn of a retreat, which is at least the law's.
+
+    gauge, force, sideways  as of `slope`, which has seen this step; `gauge` is changed in place
+    least  [m]  motion that is a retreat, and as of `is_steep`; 0 for exact positions, whose slope is that of 10 ms
+    """
+    depth = gauge.depth
+    if depth >= gauge.turn or depth - gauge.retreat >= least:
+        gauge.turn = gauge.retreat = depth
+        gauge.turn_force, gauge.slid = force, 0.0
+        return
+    gauge.slid += sideways
+    if depth < gauge.retreat:
+        gauge.retreat = depth
+        length, fall = gauge.turn - depth, gauge.turn_force - force
+        measured = length >= max(least, gauge.slid) and 0.0 <= fall <= most * length
+        if measured and least > 0.0 and is_steep(gauge, force, most, least):
+            gauge.slope, gauge.mark, gauge.mark_force = fall / length, depth, force
 
 
 @kernel
