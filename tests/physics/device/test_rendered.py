@@ -6,7 +6,17 @@ import pytest
 from pytest import approx
 
 from palpate.compiler.fields import blank_record
-from palpate.physics.device.rendered import FORGET, GAUGE, WALL, fit_slope, is_steep, rejoin, slope, soften
+from palpate.physics.device.rendered import (
+    FORGET,
+    GAUGE,
+    WALL,
+    correct_slope,
+    fit_slope,
+    is_steep,
+    rejoin,
+    slope,
+    soften,
+)
 
 MOST, STEP, DT = 1000.0, 1e-4, 1e-3  # [N/m], [m], [s]
 SOFT = {"depth": 2e-3, "mark": 2e-3, "mark_force": 3.0, "slope": 500.0}  # a law that is not steep
@@ -108,6 +118,50 @@ def test_a_slope_is_measured_from_the_contact_and_then_over_each_span():
 )
 def test_a_law_is_steep_by_its_slope_over_some_steps_of_the_position(gauge, force, steep):
     assert is_steep(blank_record(GAUGE, **gauge), force, MOST, STEP) == steep
+
+
+TURNED = {"depth": 2e-3, "mark": 2.5e-3, "mark_force": 4.5, "slope": 4e3, "turn": 3e-3, "turn_force": 4.0}
+
+
+@pytest.mark.parametrize(
+    ("force", "given", "corrected"),
+    [
+        (3.2, dict(), True),  # 800 N/m from the turn; from the mark it is 2600 N/m, as the finger moved in there
+        (3.0, dict(), True),
+        (2.99, dict(), False),  # 1010 N/m
+        (4.0, dict(), True),
+        (4.01, dict(), False),  # a force that rises in a retreat is not of the depth
+        (3.2, dict(retreat=1.9e-3), False),  # not the least depth: the finger moves in
+        (3.95, dict(depth=2.95e-3, retreat=2.96e-3), False),  # less than a step of 0.1 mm
+        (3.2, dict(slid=0.9e-3), True),
+        (3.2, dict(slid=1.1e-3), False),  # a slide longer than the retreat
+        (3.2, dict(slope=900.0, mark_force=3.3), False),  # not steep: it stays
+        (3.2, dict(slope=900.0), True),  # steep from the mark on
+    ],
+)
+def test_the_secant_of_a_retreat_replaces_a_steep_slope(force, given, corrected):
+    gauge = blank_record(GAUGE, **TURNED | {"retreat": 2.1e-3} | given)
+    before = gauge.slope, gauge.mark, gauge.mark_force
+    correct_slope(gauge, force, 0.0, MOST, STEP)
+    after = ((4.0 - force) / 1e-3, gauge.depth, force) if corrected else before
+    assert (gauge.slope, gauge.mark, gauge.mark_force) == approx(after)
+
+
+def test_exact_positions_have_no_steps_to_correct():
+    gauge = blank_record(GAUGE, **TURNED | {"retreat": 2.1e-3})
+    correct_slope(gauge, 3.2, 0.0, MOST, 0.0)
+    assert (gauge.slope, gauge.mark, gauge.mark_force) == (4e3, 2.5e-3, 4.5)
+
+
+def test_a_turn_is_the_deepest_place_since_the_finger_moved_in_by_a_step():
+    gauge, found = blank_record(GAUGE), []
+    for depth, sideways in ((1.0, 0.5), (3.0, 0.5), (2.0, 0.25), (2.9, 0.25), (1.0, 0.0), (1.9, 0.0), (2.1, 0.0)):
+        gauge.depth = depth * STEP
+        correct_slope(gauge, depth, sideways * STEP, MOST, STEP)
+        found.append((gauge.turn / STEP, gauge.turn_force, gauge.retreat / STEP, gauge.slid / STEP))
+    first = [(1.0, 1.0, 1.0, 0.0), (3.0, 3.0, 3.0, 0.0), (3.0, 3.0, 2.0, 0.25), (3.0, 3.0, 2.0, 0.5)]
+    last = [(3.0, 3.0, 1.0, 0.5), (3.0, 3.0, 1.0, 0.5), (2.1, 2.1, 2.1, 0.0)]
+    assert found == [approx(each) for each in first + last]
 
 
 @pytest.mark.parametrize("dt", [DT, 0.125 * DT])

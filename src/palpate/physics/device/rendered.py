@@ -27,9 +27,9 @@ that a line that replaces a steep law stays. A law F ~ s^n with n >= 1 that is n
 >= F²/2K, and is not limited. W alone would let a law that is soft at first and then steep, as that of a fingertip on a
 rigid body, return too far. The work of friction does not count: a slide on a hard surface would pay for an oscillation.
 
-Nor does a steep slope show a steep law: where the finger gains speed, viscosity adds to it, and a finger that then stops
-within a few steps measures no other. A law that stiffens with depth is in a retreat at most as steep as the secant from
-there to the turn before it. At that turn the finger had no speed, and the viscosity of a retreat lowers the force, so
+Nor does a steep slope show a steep law: where the finger gains speed, viscosity adds to it, and a finger that then
+stops within a few steps measures no other. A law that stiffens with depth is in a retreat at most as steep as the
+secant to the turn before it. At that turn the finger had no speed, and the viscosity of a retreat lowers the force, so
 that a measured secant is never too small. Where it is not steep it replaces a slope that is, and the next slope is
 measured from there. Depth does not explain a force above that of the turn, nor one after a slide longer than the
 retreat: these replace nothing.
