@@ -1,6 +1,6 @@
 #!/bin/sh
 # Lint, spelling, types and tests, in the environment that ./setup.sh dev made: ./check.sh [--fast | --all | docs | pytest arguments]
-# --all: also the slow tests (tests/slow.txt), which runs of the whole suite or of folders leave out.
+# --all: also the slow tests (tests/slow.txt), which runs of the whole suite or of folders leave out, and numpy's types.
 # --fast, after each edit: formulas, messages, nodes, and how graphs are loaded.
 # docs: builds the documentation site in docs/_build; a warning is an error.
 set -eu
@@ -21,12 +21,16 @@ if [ "${1:-}" = "--fast" ]; then
     shift
     set -- tests/physics tests/messages tests/nodes tests/launch/load tests/test_imports.py "$@"
 fi
+types=$(mktemp)
+case " $* " in
+    *" --all "*) .venv/bin/mypy >"$types" 2>&1 & ;;
+    *) MYPYPATH=tests/types .venv/bin/mypy --cache-dir .mypy_cache/light >"$types" 2>&1 & ;; # see tests/types
+esac
+mypy=$!
+trap 'kill $mypy 2>/dev/null || true; rm -f "$types"' EXIT
 .venv/bin/ruff check .
 .venv/bin/ruff format --check .
 .venv/bin/codespell .
-types=$(mktemp)
-.venv/bin/mypy >"$types" 2>&1 &
-mypy=$!
 failed=0
 # Compile the kernels that most tests need once, in parallel with mypy, instead of in each test process. In a fresh copy
 # also compile the tests and the rest of the sources, by collecting, which takes 38 s of processor time.
@@ -47,5 +51,4 @@ if [ "$failed" = 1 ] && [ "$whole" = 1 ] && [ "$(grep -c '::' "$again")" -le 5 ]
     .venv/bin/python -m pytest "$@" --last-failed --last-failed-no-failures none || failed=$?
 fi
 cat "$types"
-rm -f "$types"
 exit "$((failed + types_failed))"

@@ -56,7 +56,7 @@ def slides(body: str, count: int, rng: np.random.Generator, folder: Path, extra:
     for name in WITHIN:
         touches = [on(touch, name) for touch in whole]
         for touch, least, value, time in zip(
-            touches, usual.tolist(), *map(np.ndarray.tolist, largest_change(run(touches, folder, extra=extra)[0])),
+            touches, usual.tolist(), *(each.tolist() for each in largest_change(run(touches, folder, extra=extra)[0])),
             strict=True,
         ):  # fmt: skip
             found.append(Found(touch, "slide", within(value, 0.0, MORE * least + LIGHT, time, one_sided=True)))

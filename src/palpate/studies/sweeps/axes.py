@@ -166,7 +166,7 @@ class Space:
 
     def point(self, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
         """The value of each path at a point, and its label in tables."""
-        at = np.unravel_index(number, self.shape) if self.shape else ()
+        at: tuple[Any, ...] = np.unravel_index(number, self.shape) if self.shape else ()
         values: dict[str, Any] = {}
         labels: dict[str, Any] = {}
         for one, index in zip(self.crossed, at, strict=False):
