@@ -12,7 +12,8 @@ sum. A Kelvin-Voigt body and the fingertip share the approach e of the run at th
 
 solved for the force F in the steps of the run. Printed are the forces on the way, and the greatest rise of the force in
 a step; and those of the body at rest, tau = 0. The surface slides freely under the finger (`tissue.sticks: false`), and
-at last sticks to it, as it does by default.
+at last sticks to it, as it does by default: then each F acts with the force along the surface that holds the mean of
+the patch at its place, and stays in the history with it, so that c(y, y') is that between the loads with this force.
 """
 
 from __future__ import annotations
@@ -48,8 +49,9 @@ SHOWN = np.linspace(-6e-3, 6e-3, 13)  # [m]
 NEAR = 6.5e-3  # [m] from the middle: beyond, the slide begins and ends
 
 
-def compliances(gap: float, size: float) -> np.ndarray:
-    """c(y, y') [m/N] between loads at `PLACES`, of the block with a gap [m]; 0: the whole block."""
+def compliances(gap: float, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """c(y, y') [m/N] between loads at `PLACES`, of the block with a gap [m], whose surface slides freely under them,
+    and whose surface sticks; 0: the whole block."""
     half = 0.5 * gap
     begin = half if gap else -0.5 * gaps.WIDE
     fine = half if gap else -FAR - WIDE
@@ -66,18 +68,23 @@ def compliances(gap: float, size: float) -> np.ndarray:
     areas = face_rule.areas(p, top)
     loads, moved = [], []
     tangent = ElasticBody(mesh, {0: neo_hooke(YOUNG, POISSON)}, []).rest(fixed)
-    for place in PLACES:
-        near = np.maximum(1.0 - (at[..., 0] ** 2 + (at[..., 1] - place) ** 2) / RADIUS**2, 0.0) ** 2
-        load = np.zeros_like(p)
-        np.add.at(load[:, 2], top, -np.einsum("fq,qa->fa", near * areas, face_rule.VALUES))
-        loads.append(load)
-        moved.append(tangent.solve(load) if load.any() else np.zeros_like(p))
-    total = np.array([2.0 * np.abs(load.sum()) for load in loads])  # of both halves along x
-    one = 2.0 * np.einsum("inc,jnc->ij", np.array(loads), np.array(moved))
-    if not gap:
-        return one / np.outer(total, total)
-    total = total + total[::-1]  # the other piece is the mirror image
-    return (one + one[::-1, ::-1]) / np.outer(total, total)
+    for axis in (2, 1):
+        for place in PLACES:
+            near = np.maximum(1.0 - (at[..., 0] ** 2 + (at[..., 1] - place) ** 2) / RADIUS**2, 0.0) ** 2
+            load = np.zeros_like(p)
+            np.add.at(load[:, axis], top, -np.einsum("fq,qa->fa", near * areas, face_rule.VALUES))
+            loads.append(load)
+            moved.append(tangent.solve(load) if load.any() else np.zeros_like(p))
+    size_of = len(PLACES)
+    total = np.array([2.0 * np.abs(load.sum()) for load in loads[:size_of]])  # of both halves along x
+    one = 2.0 * np.einsum("inc,jnc->ij", np.array(loads), np.array(moved)).reshape(2, size_of, 2, size_of)
+    if gap:  # the other piece is the mirror image
+        sense = np.array([1.0, -1.0])[:, None]
+        total, one = total + total[::-1], one + sense[..., None, None] * sense * one[:, ::-1, :, ::-1]
+    one /= total[:, None, None] * total
+    side = -np.diag(one[1, :, 0]) / np.diag(one[1, :, 1])
+    to, across = side[:, None] * one[1, :, 0], side[:, None] * one[1, :, 1] * side
+    return one[0, :, 0], one[0, :, 0] + to + one[0, :, 1] * side + across
 
 
 def forces(c: RectBivariateSpline, y: np.ndarray, approach: np.ndarray, tau: float, dt: float) -> np.ndarray:
@@ -135,15 +142,16 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             name = f"cut-{gap:g}" if gap else "block"
             y, approach, free, tau = product(name, given.rate, False, Path(folder))
-            held_y, _, held, _ = product(name, given.rate, True, Path(folder))
-        table = compliances(1e-3 * gap, given.size)
-        c = RectBivariateSpline(PLACES, PLACES, table)
+            held_y, held_approach, held, _ = product(name, given.rate, True, Path(folder))
+        c, sticks = (RectBivariateSpline(PLACES, PLACES, each) for each in compliances(1e-3 * gap, given.size))
         viscous, rest = (forces(c, y, approach, each, 1.0 / given.rate) for each in (tau, 0.0))
+        sticking = forces(sticks, held_y, held_approach, tau, 1.0 / given.rate)
         at = " ".join(f"{1e3 * c(place, place)[0, 0]:.3f}" for place in (0.0, 3e-3, 8e-3))
         print(f"gap {gap:g} mm: compliance of the elements at 0, 3, 8 mm {at} mm/N")
         show("elements", y, viscous)
         show("elements, at rest", y, rest)
         show("ReducedFE", y, free)
+        show("elements, stick", held_y, sticking)
         show("ReducedFE, sticks", held_y, held)
 
 

@@ -14,6 +14,7 @@ from palpate.compiler.records import floats, integers, nth, one, unpacking, vect
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import Agrees, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import NO_VERTEX, SEVERAL, MeshBody, make_room, spread_laws, unknown_vertex
+from palpate.nodes.base.felt import has_gaps
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.node import once_per_class
 from palpate.nodes.base.samples import oldest
@@ -168,7 +169,8 @@ class ReducedFE(MeshBody):
         large = self.model == "nonlinear" and self.sticks  # a sliding surface is only valid under light loads
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
         law = (self.poisson, self.sticks, self._apart(), rho, self.area_law())
-        return condensed_body(placed, *given, *law, start=self._start(placed, given))
+        gaps = has_gaps(self, 2.0 * self.radius)
+        return condensed_body(placed, *given, *law, start=self._start(placed, given), remembers=gaps)
 
     def between(
         self,

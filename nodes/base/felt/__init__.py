@@ -65,6 +65,14 @@ def is_bridged(surface: str, width: float) -> bool:
     return felt is not None or fault != ""
 
 
+def has_gaps(node: OnSurface, width: float) -> bool:
+    """Whether the surface of a node has parts that a finger of this width [m] does not touch."""
+    try:
+        return felt_surface(node, width).felt is not None
+    except SettingError:  # nor does it fit
+        return True
+
+
 @lru_cache(maxsize=4)
 def _felt_surface(
     surface: str, vertices: int, file_unit: str, piece: int, refine: float, content: bytes, width: float

@@ -98,6 +98,7 @@ def condensed_body(
     rho: np.ndarray = NO_FLOATS,
     area: AreaLaw = FIXED,
     start: Start | None = None,
+    remembers: bool = False,
 ) -> CondensedBody:
     """A body at rest under one contact.
 
@@ -111,6 +112,7 @@ def condensed_body(
     rho       [1] (3,) coefficients, see `large_displacement`; empty: the organ is linear
     area      law of a contact that grows with the force; its load acts on the coarse surface on the patch of `radius`
     start     of a body with the same arguments, if it is stored
+    remembers whether the correction of a former place stays with its load, as next to a gap, see `condensed_step`
     """
     coarse, fine, rho = Mesh(basis.vertices, basis.triangles), fine_mesh(mesh, radius, reach), np.array(rho)
     if start is not None and not start.fits(len(basis.vertices), len(mesh.vertices)):
@@ -124,6 +126,7 @@ def condensed_body(
     model = step.CondensedModel(
         basis.compliance, basis.vertices, rho, hat_moments(coarse), corners, weights, weight_slopes(coarse, corners),
         young, retardation, mesh.vertices, true, area, DEEPEST if apart is None or apart.any() else DEEPEST_COVERED,
+        remembers,
     )  # fmt: skip
     soft = softness(coarse, model, fine.spreader)[0] if start is None else start.softness
     ground = Ground(coarse.normals, soft, rho)
