@@ -236,6 +236,35 @@ def test_a_change_of_force_in_a_slide_is_no_slope():
         assert exact(gauge, force, -1.4e-6, 74e-6, 0.25 * DT) == approx(800.0, rel=0.01)
 
 
+def test_a_hold_keeps_the_slope_of_the_press_for_a_slide():
+    """A press of 50 mm/s, 200 ms in which the finger creeps, and a slide in which the place changes the force while the
+    finger moves out by 35 of 250 um. The slope became that of the slide, 1.6 kN/m in place of 600 N/m."""
+    gauge, force = blank_record(GAUGE), 0.0
+    for _ in range(100):
+        force += 600.0 * 5e-5
+        exact(gauge, force, 5e-5)
+    for _ in range(200):
+        force += 600.0 * 1e-8
+        exact(gauge, force, 1e-8)
+    for _ in range(20):
+        force -= 0.056
+        assert exact(gauge, force, -35e-6, 250e-6) == approx(600.0, rel=0.05)
+
+
+@pytest.mark.parametrize("slower", [3.0, 30.0])
+def test_a_slower_retreat_finds_its_slope_within_the_way_of_the_press_in_40_ms(slower):
+    gauge, force = blank_record(GAUGE), 0.0
+    for _ in range(100):
+        force += 900.0 * 5e-5
+        exact(gauge, force, 5e-5)
+    found = []
+    for _ in range(round(40 * slower)):
+        force -= 300.0 * 5e-5 / slower
+        found.append(exact(gauge, force, -5e-5 / slower))
+    assert found[0] > 800.0
+    assert found[-1] == approx(300.0, rel=0.02)
+
+
 def test_a_force_that_rises_while_the_finger_moves_out_has_no_slope():
     gauge = blank_record(GAUGE)
     assert fit_slope(gauge, 0.1, -1e-5, 0.0, DT) == 0.0 and gauge.rise < 0.0

@@ -37,7 +37,9 @@ retreat: these replace nothing.
 Exact positions have no steps, and a slope over a tick is not that of a law. In a slide the place changes the force, and
 its change over a motion along the normal of 2 % of the way was taken for a slope of 60 kN/m, whose damping changed the
 force on the hand by twice what the contact did. There the slope is a fit over the ticks within `FORGET`, in which a
-motion counts by the part of it that is along the normal: a slide keeps the slope that was found before.
+motion counts by the part of it that is along the normal: a slide keeps the slope that was found before. A motion that
+is shorter than those that the fit knows makes it forget these by the ratio of the lengths only: in a hold the finger
+creeps, and the fit would know little of the press, so that any slide after it would make the slope.
 
 Tissue that rises under a finger, because another finger or organ leaves it or pushes it there, raises the force without
 the hand. This counts as motion of the finger as well: what moves the surface pays for it. A finger compresses itself by
@@ -156,7 +158,8 @@ def fit_slope(gauge: Record, change: float, way: float, sideways: float, dt: flo
     """
     square = way * way
     if square > 0.0:
-        share = square / (square + sideways * sideways) * -math.expm1(-dt / FORGET)
+        length = min(math.sqrt(square / gauge.square), 1.0) if gauge.square > 0.0 else 1.0
+        share = length * square / (square + sideways * sideways) * -math.expm1(-dt / FORGET)
         gauge.rise += (change * way - gauge.rise) * share
         gauge.square += (square - gauge.square) * share
     return max(gauge.rise / gauge.square, 0.0) if gauge.square > 0.0 else 0.0
