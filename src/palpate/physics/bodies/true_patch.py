@@ -180,18 +180,29 @@ def gather_compliance(
     compliance: Matrix, table: Matrix, order: Indices, touched: int, measure: Matrix, column: int, block: Matrix
 ):
     """Fill block [m/N] (3,3) with g.C g of the shares in a column of `measure`; returns g.T g [1/m]."""
-    block[:] = 0.0
-    hats, corrects = 0.0, len(table) > 0
+    c00 = c01 = c02 = c10 = c11 = c12 = c20 = c21 = c22 = hats = 0.0  # in `block` each sum would wait for a store
+    corrects = len(table) > 0
     for k in range(touched):
         v = order[k]
+        first, second, third = compliance[3 * v], compliance[3 * v + 1], compliance[3 * v + 2]
+        share = measure[v, column]
         for m in range(touched):
             b = order[m]
-            both = measure[v, column] * measure[b, column]
-            for i in range(3):
-                for j in range(3):
-                    block[i, j] += both * compliance[3 * v + i, 3 * b + j]
+            both, at = share * measure[b, column], 3 * b
+            c00 += both * first[at]
+            c01 += both * first[at + 1]
+            c02 += both * first[at + 2]
+            c10 += both * second[at]
+            c11 += both * second[at + 1]
+            c12 += both * second[at + 2]
+            c20 += both * third[at]
+            c21 += both * third[at + 1]
+            c22 += both * third[at + 2]
             if corrects:
                 hats += both * table[v, b]
+    for i, row in enumerate(((c00, c01, c02), (c10, c11, c12), (c20, c21, c22))):
+        for j in range(3):
+            block[i, j] = row[j]
     return hats
 
 
