@@ -267,24 +267,41 @@ def _smooth_area(area: float, least: float):
 
 
 @ieee_kernel
-def _shift(s: Spreader, count: int, r: float, least: float, high: float):
-    """The shift d_0² [m²] in [0, `high`] with which the patch has the area `least`: regula falsi (Illinois)."""
-    low, below, above = 0.0, _area(s, count, r, 0.0) - least, _area(s, count, r, high) - least
+def _within(s: Spreader, count: int, r: float, shift: float):
+    """Leave out the gathered nodes that are not in the patch for d_0² = `shift` [m²], nor for less. Returns the number
+    of the others, whose order remains, so that sums keep their bits."""
+    wide, kept = math.sqrt(r * r + shift), 0
+    for at in range(count):
+        square, height = s.forces[at, 0], s.forces[at, 1]
+        if square - min(height, shift) < wide * wide:
+            s.nodes[kept], s.weights[kept] = s.nodes[at], s.weights[at]
+            s.forces[kept, 0], s.forces[kept, 1] = square, height
+            kept += 1
+    return kept
+
+
+@ieee_kernel
+def _shift(s: Spreader, count: int, r: float, least: float, high: float, first: float, last: float):
+    """The shift d_0² [m²] in [0, `high`] with which the patch has the area `least`, from the areas `first` and `last`
+    [m²] at both ends: regula falsi (Illinois). And the number of the gathered nodes that are left, those of the patch
+    among them."""
+    low, below, above = 0.0, first - least, last - least
     if above <= 0.0:
-        return high
+        return high, count
     if below >= 0.0:
-        return 0.0
-    side = 0
+        return 0.0, count
+    side, count = 0, _within(s, count, r, high)
     for _ in range(100):
         middle = (low * above - high * below) / (above - below)
         value = _area(s, count, r, middle) - least
         if abs(value) <= CLOSE * least or not low < middle < high:
-            return middle
+            return middle, count
         if value < 0.0:
             low, below, above, side = middle, value, 0.5 * above if side < 0 else above, -1
         else:
             high, above, below, side = middle, value, 0.5 * below if side > 0 else below, 1
-    return high
+            count = _within(s, count, r, high)
+    return high, count
 
 
 @ieee_kernel
@@ -326,15 +343,17 @@ def _farthest(s: Spreader, foot: Vector3):
 
 
 @ieee_kernel
-def _widen(s: Spreader, foot: Vector3, normal: Vector3, r: float, least: float):
-    """The nodes of a patch that is widened to the area `least` [m²], as in `_weigh`."""
-    reach, most, gathered, high = r, 3.0 * _farthest(s, foot), 0, 0.0
+def _widen(s: Spreader, foot: Vector3, normal: Vector3, r: float, area: float, least: float):
+    """The nodes of a patch that is widened from its `area` to the `least` one [m²], as in `_weigh`."""
+    reach, most, gathered, high, last = r, 3.0 * _farthest(s, foot), 0, 0.0, 0.0
     while reach < most:
         reach *= WIDER
         gathered, high = _gather(s, foot, normal, reach), 0.5 * (reach * reach - r * r)  # nodes beyond have k = 0
-        if _area(s, gathered, r, high) >= least:
+        last = _area(s, gathered, r, high)
+        if last >= least:
             break
-    return _weigh(s, gathered, r, _shift(s, gathered, r, least, high))
+    shift, gathered = _shift(s, gathered, r, least, high, area, last)
+    return _weigh(s, gathered, r, shift)
 
 
 @ieee_kernel
@@ -353,7 +372,7 @@ def spread(spreader: Spreader, foot: Vector3, normal: Vector3, force: Vector3, r
     count, total = _weigh(s, _gather(s, foot, normal, r), r, 0.0)
     area = _smooth_area(total, share * _least_area(s, r))
     if total < area:
-        count, total = _widen(s, foot, normal, r, area)
+        count, total = _widen(s, foot, normal, r, total, area)
     for at in range(count):
         weights[at] /= total
         for k in range(3):
