@@ -5,7 +5,8 @@
 A finger slides at 200 mm/s across the gap [mm] of the block of `palpate bench organs` that is cut in two, in the graph
 kidney with linear tissue and a stiff hand. The reference is half of the block, bonded below, with linear elements
 (`fe`): its compliance c(y, y') between biweight loads on its top at y and y' [m/N], and that of both halves is their
-sum. A Kelvin-Voigt body and the fingertip share the approach e of the run at the place y,
+sum. Walls of a gap below 1 mm push each other: loads on both halves in the same sense leave them in place. A
+Kelvin-Voigt body and the fingertip share the approach e of the run at the place y,
 
     e = s + d,    s(t) = integral of c(y(t), y(t')) F(t') exp(-(t - t')/tau) dt'/tau,
     F = b/m (exp(m d) - 1) <1 + c_1 d'>,
@@ -28,7 +29,7 @@ from pad_on_groove import COARSEST, FINEST, GROUND, PLACE, YOUNG
 from scipy.interpolate import RectBivariateSpline
 
 from palpate.bases import build_missing
-from palpate.models.fe import quadratic
+from palpate.models.fe import TetMesh, quadratic
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import bricks, grid
 from palpate.models.fe.solve.body import ElasticBody
@@ -46,6 +47,7 @@ HAND = "device.hand_stiffness=2e4"  # [N/m] so that the approach hardly depends 
 SPEED, DEEP = 0.2, 4e-3  # [m/s], [m]
 PLACES = np.linspace(-FAR - 1e-3, FAR + 1e-3, 41)  # [m] of the loads
 SHOWN = np.linspace(-6e-3, 6e-3, 13)  # [m]
+WALLS = 1e-3  # [m] `tissue.walls`: walls of a narrower gap push each other
 NEAR = 6.5e-3  # [m] from the middle: beyond, the slide begins and ends
 
 
@@ -66,25 +68,39 @@ def compliances(gap: float, size: float) -> tuple[np.ndarray, np.ndarray]:
     top = faces_at(mesh, np.abs(p[:, 2]) < 1e-9)
     at = np.einsum("qa,fak->fqk", face_rule.VALUES, p[top])[..., :2]
     areas = face_rule.areas(p, top)
-    loads, moved = [], []
-    tangent = ElasticBody(mesh, {0: neo_hooke(YOUNG, POISSON)}, []).rest(fixed)
+    loads = []
     for axis in (2, 1):
         for place in PLACES:
             near = np.maximum(1.0 - (at[..., 0] ** 2 + (at[..., 1] - place) ** 2) / RADIUS**2, 0.0) ** 2
             load = np.zeros_like(p)
             np.add.at(load[:, axis], top, -np.einsum("fq,qa->fa", near * areas, face_rule.VALUES))
             loads.append(load)
-            moved.append(tangent.solve(load) if load.any() else np.zeros_like(p))
-    size_of = len(PLACES)
-    total = np.array([2.0 * np.abs(load.sum()) for load in loads[:size_of]])  # of both halves along x
-    one = 2.0 * np.einsum("inc,jnc->ij", np.array(loads), np.array(moved)).reshape(2, size_of, 2, size_of)
-    if gap:  # the other piece is the mirror image
-        sense = np.array([1.0, -1.0])[:, None]
-        total, one = total + total[::-1], one + sense[..., None, None] * sense * one[:, ::-1, :, ::-1]
+    total = np.array([2.0 * np.abs(load.sum()) for load in loads[: len(PLACES)]])  # of both halves along x
+    one = _between(mesh, loads, fixed)
+    if gap:  # the other piece is the mirror image: loads on both in the same sense, and in opposite ones
+        total = total + total[::-1]
+        meet = fixed.copy()
+        meet[:, 1] |= (p[:, 1] < half + 1e-9) & (gap < WALLS)  # in the same sense walls that push each other stay
+        same = _between(mesh, loads, meet) if gap < WALLS else one
+        one = 0.5 * (_on_both(same, 1.0) + _on_both(one, -1.0))
     one /= total[:, None, None] * total
     side = -np.diag(one[1, :, 0]) / np.diag(one[1, :, 1])
     to, across = side[:, None] * one[1, :, 0], side[:, None] * one[1, :, 1] * side
     return one[0, :, 0], one[0, :, 0] + to + one[0, :, 1] * side + across
+
+
+def _between(mesh: TetMesh, loads: list[np.ndarray], fixed: np.ndarray) -> np.ndarray:
+    """Work [N² m/N] (2,P,2,P) of loads along two axes at `PLACES` on the displacements by each other."""
+    tangent = ElasticBody(mesh, {0: neo_hooke(YOUNG, POISSON)}, []).rest(fixed)
+    moved = [tangent.solve(load) if load.any() else np.zeros_like(load) for load in loads]
+    return 2.0 * np.einsum("inc,jnc->ij", np.array(loads), np.array(moved)).reshape(2, len(PLACES), 2, len(PLACES))
+
+
+def _on_both(work: np.ndarray, sense: float) -> np.ndarray:
+    """The work (2,P,2,P) of loads with their mirror images times a sense, on each other."""
+    sign = sense * np.array([1.0, -1.0])[:, None]
+    work = work + sign[..., None, None] * work[:, ::-1]
+    return work + sign * work[..., ::-1]
 
 
 def forces(c: RectBivariateSpline, y: np.ndarray, approach: np.ndarray, tau: float, dt: float) -> np.ndarray:
