@@ -16,6 +16,7 @@ from palpate.physics.contact.organs.rubbing import Rubbing
 class BodySide(NamedTuple):
     """One of the two bodies: its terminals, see `between_bodies.BetweenBody`, and the shares of the candidates.
 
+    response (b,3t,4), aside (c,3t,4)  in blocks of columns, see `physics.contact.organs.between.blocks_of`
     begins (m+1), ends (m)  first share of each candidate, and the one after its last
     vertices, shares (k)  see `candidates.Shares`
     place (m,3)   centre of each candidate [m];  centre (m,3)  that for which the compliances were computed
@@ -27,8 +28,8 @@ class BodySide(NamedTuple):
 
     corners: Annotated[np.ndarray, "<i8", 2]
     weights: Annotated[np.ndarray, "<f8", 2]
-    response: Annotated[np.ndarray, "<f8", 2]
-    aside: Annotated[np.ndarray, "<f8", 2]
+    response: Annotated[np.ndarray, "<f8", 3]
+    aside: Annotated[np.ndarray, "<f8", 3]
     begins: Annotated[np.ndarray, "<i8", 1]
     ends: Annotated[np.ndarray, "<i8", 1]
     vertices: Annotated[np.ndarray, "<i8", 1]
@@ -49,9 +50,9 @@ def body_side(body: BetweenBody, shares: Shares, normal: np.ndarray) -> BodySide
     used, begins = len(np.unique(shares.vertices)), np.searchsorted(shares.cells, np.arange(len(normal) + 1))
     place = np.ascontiguousarray(shares.place)
     return BodySide(
-        np.ascontiguousarray(body.corners, np.int64), np.ascontiguousarray(body.weights, float), body.response,
-        body.aside, begins.astype(np.int64), begins[1:].astype(np.int64), shares.vertices, shares.weights, place,
-        place.copy(), normal.copy(), np.zeros((terminals, 3)), np.zeros((2, terminals), np.int64), np.full(size, -1),
+        np.ascontiguousarray(body.corners, np.int64), np.ascontiguousarray(body.weights, float),
+        contact.blocks_of(body.response), contact.blocks_of(body.aside), begins.astype(np.int64),
+        begins[1:].astype(np.int64), shares.vertices, shares.weights, place, place.copy(), normal.copy(), np.zeros((terminals, 3)), np.zeros((2, terminals), np.int64), np.full(size, -1),
         np.zeros(used, np.int32), np.zeros((used, 3)),
     )  # fmt: skip
 

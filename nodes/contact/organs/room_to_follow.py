@@ -38,9 +38,9 @@ def _free_springs(node: Any, side: str) -> None:
     for name in ("response", "aside"):
         kept = node._held[f"{side}.{name}"]
         if kept.size:
-            every = np.zeros((size, 3, kept.shape[1]))
-            every[used] = kept.reshape(-1, 3, kept.shape[1])
-            node._hold(node.own[side], name, every.reshape(3 * size, -1), f"{side}.{name}")
+            every = np.zeros((len(kept), size, 3, kept.shape[2]))
+            every[:, used] = kept.reshape(len(kept), -1, 3, kept.shape[2])
+            node._hold(node.own[side], name, every.reshape(len(kept), 3 * size, -1), f"{side}.{name}")
     corners = np.zeros((size, 3), np.int64)
     corners[:, 0] = np.arange(size)
     for name, value in (

@@ -17,6 +17,7 @@ import numpy as np
 from palpate.compiler.dot import dot
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix, Record, Tensor, Vector3
+from palpate.physics.contact.organs.between import BLOCK
 
 CONDENSED, SPRINGS, PLATE = 1, 2, 3
 Pair3 = tuple[Vector3, Vector3]
@@ -191,13 +192,14 @@ def clear_row(law: Law, side: Record, i: int):
     """Before the shares of candidate i change: springs that it leaves no longer move it."""
     if law.kind != SPRINGS:
         return
-    size = side.response.shape[1]
+    size, rubs = len(side.normal), len(side.aside) > 0
     for at in range(side.begins[i], side.ends[i]):
         for x in range(3):
             row = 3 * side.vertices[at] + x
-            side.response[row, i] = 0.0
-            if side.aside.shape[1] > 0:
-                side.aside[row, i] = side.aside[row, size + i] = 0.0
+            side.response[i // BLOCK, row, i % BLOCK] = 0.0
+            for a in range(2 if rubs else 0):
+                j = a * size + i
+                side.aside[j // BLOCK, row, j % BLOCK] = 0.0
 
 
 @kernel
@@ -211,10 +213,10 @@ def _renew_springs(
         soft += share * law.softness[v]
         each = share * law.softness[v] / law.areas[v]
         for x in range(3):
-            side.response[3 * v + x, i] += sign * each * side.normal[i, x]
-            if rubs:
-                for a in range(2):
-                    side.aside[3 * v + x, a * count + i] += each * tangents[a, i, x]
+            side.response[i // BLOCK, 3 * v + x, i % BLOCK] += sign * each * side.normal[i, x]
+            for a in range(2 if rubs else 0):
+                j = a * count + i
+                side.aside[j // BLOCK, 3 * v + x, j % BLOCK] += each * tangents[a, i, x]
     matrix[i, i] = soft / area[i]
     if rubs:
         for a in range(2):
@@ -256,11 +258,17 @@ def _renew_condensed(
             _see_fields(law, side, j)
             _renew_drags(law, m, i, j, sign, here, (vector3(along, j), vector3(across, j)), more, drags)
     # by forces at the terminals
-    for k in range(3 * size):
-        side.response[k, i] = sign * law.scale * law.fields[0, k]
-        if rubs:
-            for a in range(2):
-                side.aside[k, a * count + i] = law.scale * law.fields[a + 1, k]
+    _put_column(side.response, i, sign * law.scale, law.fields[0])
+    for a in range(2 if rubs else 0):
+        _put_column(side.aside, a * count + i, law.scale, law.fields[a + 1])
+
+
+@kernel
+def _put_column(blocks: Tensor, i: int, scale: float, field: Array):
+    """Write `scale` times a field (n) to column i of a table in blocks (b,n,4)."""
+    block, lane = blocks[i // BLOCK], i % BLOCK
+    for k in range(len(field)):
+        block[k, lane] = scale * field[k]
 
 
 @kernel
