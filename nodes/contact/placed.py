@@ -185,9 +185,9 @@ def renew_compliance(own, track, pair, rub, one, two, i):
     if len(rub.touched) > 0:
         _turn_tangents(own, rub, 0, one.normal, i)
         _turn_tangents(own, rub, 1, two.normal, i)
-    area, at = floats(own.areas), one.place if track.fine == 0 else two.place
-    renew_row(first, one, i, 1.0, at, area, rub.tangents[0], pair.first, rub.first)
-    renew_row(second, two, i, -1.0, at, area, rub.tangents[1], pair.second, rub.second)
+    area = floats(own.areas)
+    renew_row(first, one, i, 1.0, track.inverse, area, rub.tangents[0], pair.first, rub.first)
+    renew_row(second, two, i, -1.0, track.inverse, area, rub.tangents[1], pair.second, rub.second)
 
 
 @kernel

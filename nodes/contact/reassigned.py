@@ -11,7 +11,7 @@ from palpate.nodes.contact.placed import (
     renew_compliance,
     search_cell,
 )
-from palpate.physics.contact.organs.between_rows import vector3
+from palpate.physics.contact.organs.between_rows import measure_row, vector3
 from palpate.physics.contact.organs.following import BETTER, CLOSE, NEARER, SCANNED
 
 PARKED = 1.0  # [m] added to the gap of a candidate in the step in which it moves, so that it does not touch
@@ -104,6 +104,7 @@ def _enter(own, track, side, i, cell):
     put(side.place[i], vector3(track.place, cell))
     put(side.centre[i], vector3(track.place, cell))
     floats(own.areas)[i] = track.area[cell]
+    measure_row(track.inverse, side.place, floats(own.areas), i)
     # ends of the region, and borders of candidates, each once
     met, strips, count = longs(own.borders), floats(own.strips), 0
     for a in range(len(track.cell)):

@@ -21,6 +21,8 @@ class BodySide(NamedTuple):
     vertices, shares (k)  see `candidates.Shares`
     place (m,3)   centre of each candidate [m];  centre (m,3)  that for which the compliances were computed
     normal (m,3)  direction for which they were computed
+    few (m), coarse (m,h), hats [1] (m,h)  of a condensed organ whose candidates follow: the number of coarse vertices
+                  on which a candidate has weights, these vertices, and the weights, as for the compliances
     gathered (t,3), touched (2,t)  workspace of `physics.contact.organs.between.open_by`
     slot (V)      place of a vertex in `nodes`, -1: none; -1 between steps
     nodes (k), forces [N] (k,3)  the load on the body
@@ -37,6 +39,9 @@ class BodySide(NamedTuple):
     place: Annotated[np.ndarray, "<f8", 2]
     centre: Annotated[np.ndarray, "<f8", 2]
     normal: Annotated[np.ndarray, "<f8", 2]
+    few: Annotated[np.ndarray, "<i8", 1]
+    coarse: Annotated[np.ndarray, "<i8", 2]
+    hats: Annotated[np.ndarray, "<f8", 2]
     gathered: Annotated[np.ndarray, "<f8", 2]
     touched: Annotated[np.ndarray, "<i8", 2]
     slot: Annotated[np.ndarray, "<i8", 1]
@@ -48,12 +53,13 @@ def body_side(body: BetweenBody, shares: Shares, normal: np.ndarray) -> BodySide
     """The side of a body whose candidates have these shares, along `normal` [1] (m,3)."""
     size, terminals = len(body.corners), len(body.response) // 3
     used, begins = len(np.unique(shares.vertices)), np.searchsorted(shares.cells, np.arange(len(normal) + 1))
-    place = np.ascontiguousarray(shares.place)
+    place, count = np.ascontiguousarray(shares.place), len(normal)
     return BodySide(
         np.ascontiguousarray(body.corners, np.int64), np.ascontiguousarray(body.weights, float),
         contact.blocks_of(body.response), contact.blocks_of(body.aside), begins.astype(np.int64),
-        begins[1:].astype(np.int64), shares.vertices, shares.weights, place, place.copy(), normal.copy(), np.zeros((terminals, 3)), np.zeros((2, terminals), np.int64), np.full(size, -1),
-        np.zeros(used, np.int32), np.zeros((used, 3)),
+        begins[1:].astype(np.int64), shares.vertices, shares.weights, place, place.copy(), normal.copy(),
+        np.zeros(count, np.int64), np.zeros((count, 0), np.int64), np.zeros((count, 0)), np.zeros((terminals, 3)),
+        np.zeros((2, terminals), np.int64), np.full(size, -1), np.zeros(used, np.int32), np.zeros((used, 3)),
     )  # fmt: skip
 
 

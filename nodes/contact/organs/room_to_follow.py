@@ -4,16 +4,17 @@ from typing import Any
 
 import numpy as np
 
+from palpate.nodes.contact.organs.body_side import BodySide
 from palpate.physics.bodies.between_bodies import measure_along
 from palpate.physics.contact.organs import following
-from palpate.physics.contact.organs.between_rows import SPRINGS, Law
+from palpate.physics.contact.organs.between_rows import CONDENSED, SPRINGS, Law, gather_all_hats
 from palpate.physics.contact.organs.candidates import Candidates
 from palpate.physics.geometry.mesh import Mesh
 
 
 def make_follow(node: Any, found: Candidates, meshes: tuple[Mesh, Mesh], laws: tuple[Law, Law]) -> None:
     """Let the candidates of a `Between` follow when the organs, of these meshes and laws, slide on each other."""
-    node.hold("track", track := following.track(found, *meshes))
+    node.hold("track", track := following.track(found, *meshes, any(len(law.table) for law in laws)))
     node.hold("tangents", np.zeros((2, 3)))
     _free_borders(node, track)
     for side, name, law, slides in zip(
@@ -30,6 +31,16 @@ def make_follow(node: Any, found: Candidates, meshes: tuple[Mesh, Mesh], laws: t
             places = (two, one) if found.swapped else (one, two)
             matrix, drags, tangents = (node._held[key] for key in (f"pair.{name}", f"rub.{name}", "rub.tangents"))
             measure_along(law, matrix, drags, places, found.normal, tangents[0], found.area)
+        if law.kind == CONDENSED:
+            _list_hats(node, side, law, (1 if not slides else 3) * int(np.diff(track.begins).max()))
+
+
+def _list_hats(node: Any, side: str, law: Law, most: int) -> None:
+    """The coarse vertices of all candidates, which have at most `most` shares on a condensed organ."""
+    count = len(node._held[f"{side}.few"])
+    for name, kind in (("coarse", np.int64), ("hats", np.float64)):
+        node._hold(node.own[side], name, np.zeros((count, 3 * most), kind), f"{side}.{name}")
+    gather_all_hats(law, BodySide(*(node._held[f"{side}.{name}"] for name in BodySide._fields)))
 
 
 def _free_springs(node: Any, side: str) -> None:

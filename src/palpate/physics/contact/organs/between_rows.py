@@ -32,7 +32,7 @@ class Law(NamedTuple):
     compliance (3V,3V), table (V,V)  C [m/N] for a modulus of 1 Pa, and T [1/m]
     softness q [m/Pa] (W), areas [m²] (W)  of springs at vertices of the surface
     fields (3,3V)  c_i for forces along n, t_1 and t_2, not zero;  near (V)  Q_i T, not zero
-    hats, listed (V)  Q_i; the vertices where it is not zero
+    hats (V)      Q_i
     seen (3,3)  Q_j times each of the fields, not zero
     """
 
@@ -47,7 +47,6 @@ class Law(NamedTuple):
     fields: Annotated[np.ndarray, "<f8", 2]
     near: Annotated[np.ndarray, "<f8", 1]
     hats: Annotated[np.ndarray, "<f8", 1]
-    listed: Annotated[np.ndarray, "<i8", 1]
     seen: Annotated[np.ndarray, "<f8", 2]
 
 
@@ -56,7 +55,7 @@ def condensed_law(compliance: np.ndarray, table: np.ndarray, young: float, local
     size = len(compliance) // 3
     return Law(
         CONDENSED, 1.0 / young, local / young, aside, compliance, table, NO_NUMBERS, NO_NUMBERS,
-        np.zeros((3, 3 * size)), np.zeros(size), np.zeros(size), np.zeros(size, np.int64), np.zeros((3, 3)),
+        np.zeros((3, 3 * size)), np.zeros(size), np.zeros(size), np.zeros((3, 3)),
     )  # fmt: skip
 
 
@@ -71,14 +70,15 @@ def plate_law() -> Law:
 
 
 def _local_law(kind: int) -> Law:
-    nothing = NO_NUMBERS, np.zeros((3, 0)), NO_NUMBERS, NO_NUMBERS, np.zeros(0, np.int64), np.zeros((3, 3))
+    nothing = NO_NUMBERS, np.zeros((3, 0)), NO_NUMBERS, NO_NUMBERS, np.zeros((3, 3))
     return Law(kind, 0.0, 0.0, 0.0, NO_TABLE, NO_TABLE, nothing[0], *nothing)
 
 
 @kernel
-def _gather(law: Law, side: Record, i: int):
-    """Fill `hats` and `listed` with Q_i; returns the number of vertices."""
-    count = 0
+def gather_hats(law: Law, side: Record, i: int):
+    """Fill row i of `side.coarse`, `side.hats` and `side.few` with the coarse vertices where Q_i is not zero, and Q_i
+    there."""
+    count, coarse, hats = 0, side.coarse, side.hats
     for at in range(side.begins[i], side.ends[i]):
         v, share = side.vertices[at], side.shares[at]
         for a in range(3):
@@ -86,59 +86,63 @@ def _gather(law: Law, side: Record, i: int):
             if weight == 0.0:
                 continue
             if law.hats[c] == 0.0:
-                law.listed[count] = c
+                coarse[i, count] = c
                 count += 1
             law.hats[c] += weight
-    return count
+    for k in range(count):
+        hats[i, k] = law.hats[coarse[i, k]]
+        law.hats[coarse[i, k]] = 0.0
+    side.few[i] = count
 
 
 @kernel
-def _field(law: Law, count: int, e: Vector3, out: Array):
+def gather_all_hats(law: Law, side: Record):
+    """The same for all candidates."""
+    for i in range(len(side.few)):
+        gather_hats(law, side, i)
+
+
+@kernel
+def _field(law: Law, side: Record, i: int, e: Vector3, out: Array):
     """Fill `out` [m/N] (3V) with C Q_i' e for a modulus of 1 Pa."""
     out[:] = 0.0
-    for k in range(count):
-        v = law.listed[k]
-        for x in range(3):
-            force = law.hats[v] * e[x]
-            if force != 0.0:
-                row = law.compliance[3 * v + x]
-                for j in range(len(out)):
-                    out[j] += force * row[j]
+    for k in range(side.few[i]):
+        v, hat = 3 * side.coarse[i, k], side.hats[i, k]
+        x, y, z = hat * e[0], hat * e[1], hat * e[2]
+        one, two, three = law.compliance[v], law.compliance[v + 1], law.compliance[v + 2]
+        for j in range(len(out)):
+            out[j] = ((out[j] + x * one[j]) + y * two[j]) + z * three[j]
 
 
 @kernel
-def _fields_along(law: Law, count: int, t: Vector3, s: Vector3, out: Array, other: Array):
+def _fields_along(law: Law, side: Record, i: int, t: Vector3, s: Vector3, out: Array, other: Array):
     """The same for two directions, with one pass over C."""
     out[:], other[:] = 0.0, 0.0
-    for k in range(count):
-        v = law.listed[k]
-        for x in range(3):
-            row, first, second = law.compliance[3 * v + x], law.hats[v] * t[x], law.hats[v] * s[x]
-            for j in range(len(out)):
-                out[j] += first * row[j]
-                other[j] += second * row[j]
+    for k in range(side.few[i]):
+        v, hat = 3 * side.coarse[i, k], side.hats[i, k]
+        x, y, z, a, b, c = hat * t[0], hat * t[1], hat * t[2], hat * s[0], hat * s[1], hat * s[2]
+        one, two, three = law.compliance[v], law.compliance[v + 1], law.compliance[v + 2]
+        for j in range(len(out)):
+            out[j] = ((out[j] + x * one[j]) + y * two[j]) + z * three[j]
+            other[j] = ((other[j] + a * one[j]) + b * two[j]) + c * three[j]
 
 
 @kernel
 def _seen(side: Record, j: int, field: Array, e: Vector3):
     """e.Q_j times a field (3V)."""
-    value = 0.0
-    for at in range(side.begins[j], side.ends[j]):
-        v, share = side.vertices[at], side.shares[at]
-        for a in range(3):
-            c = 3 * side.corners[v, a]
-            value += share * side.weights[v, a] * (field[c] * e[0] + field[c + 1] * e[1] + field[c + 2] * e[2])
-    return value
+    x = y = z = 0.0
+    for k in range(side.few[j]):
+        hat, c = side.hats[j, k], 3 * side.coarse[j, k]
+        x, y, z = x + hat * field[c], y + hat * field[c + 1], z + hat * field[c + 2]
+    return x * e[0] + y * e[1] + z * e[2]
 
 
 @kernel
 def _apart(side: Record, j: int, near: Array):
     """Q_j times Q_i T [1/m]."""
     value = 0.0
-    for at in range(side.begins[j], side.ends[j]):
-        v, share = side.vertices[at], side.shares[at]
-        for a in range(3):
-            value += share * side.weights[v, a] * near[side.corners[v, a]]
+    for k in range(side.few[j]):
+        value += side.hats[j, k] * near[side.coarse[j, k]]
     return value
 
 
@@ -147,42 +151,48 @@ def _see_fields(law: Law, side: Record, j: int):
     """Fill `seen` with Q_j times each of the fields."""
     one, two, three, seen = law.fields[0], law.fields[1], law.fields[2], law.seen
     seen[:] = 0.0
-    for at in range(side.begins[j], side.ends[j]):
-        v, share = side.vertices[at], side.shares[at]
-        for a in range(3):
-            weight, c = share * side.weights[v, a], 3 * side.corners[v, a]
-            for k in range(3):
-                seen[0, k] += weight * one[c + k]
-                seen[1, k] += weight * two[c + k]
-                seen[2, k] += weight * three[c + k]
+    for k in range(side.few[j]):
+        hat, c = side.hats[j, k], 3 * side.coarse[j, k]
+        for x in range(3):
+            seen[0, x] += hat * one[c + x]
+            seen[1, x] += hat * two[c + x]
+            seen[2, x] += hat * three[c + x]
 
 
-@kernel
-def inverse_apart(one: Vector3, other: Vector3, first: float, second: float, same: bool):
-    """X [1/m] of two discs of the areas [m²] pi times `first` and `second`, see `between_bodies.mean_inverse`."""
-    if same:
-        return 16.0 / (3.0 * np.pi * np.sqrt(first))
-    x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
-    away = max(np.sqrt(x * x + y * y + z * z), 0.5 * (np.sqrt(first) + np.sqrt(second)))
-    fourth = 9.0 / 192.0 * (first * first + second * second) + 9.0 / 64.0 * first * second
-    cube = away * away * away
-    return 1.0 / away + (first + second) / (8.0 * cube) + fourth / (cube * away * away)
+@ieee_kernel
+def measure_row(inverse: Matrix, place: Matrix, area: Array, i: int):
+    """Fill row and column i of X [1/m] (m,m), see `between_bodies.mean_inverse`; nothing to fill: X is not needed.
+
+    place [m] (m,3), area [m²] (m)  of the candidates on the organ on which they stay
+    """
+    first = area[i] / np.pi
+    for j in range(len(inverse)):
+        second, square = area[j] / np.pi, 0.0
+        for x in range(3):
+            square += (place[i, x] - place[j, x]) ** 2
+        away = max(np.sqrt(square), 0.5 * (np.sqrt(first) + np.sqrt(second)))
+        fourth = 9.0 / 192.0 * (first * first + second * second) + 9.0 / 64.0 * first * second
+        cube = away * away * away
+        inverse[i, j] = 1.0 / away + (first + second) / (8.0 * cube) + fourth / (cube * away * away)
+        inverse[j, i] = inverse[i, j]
+    if len(inverse) > 0:
+        inverse[i, i] = 16.0 / (3.0 * np.pi * np.sqrt(first))
 
 
 @ieee_kernel
 def renew_row(
-    law: Law, side: Record, i: int, sign: float, place: Matrix, area: Array, tangents: Tensor, matrix: Matrix,
+    law: Law, side: Record, i: int, sign: float, inverse: Matrix, area: Array, tangents: Tensor, matrix: Matrix,
     drags: Matrix,
 ):  # fmt: skip
     """Compute row and column i of `matrix` [m/N] (m,m), `side.response`, `side.aside` and `drags` again.
 
     side   its shares, and directions `normal` [1] (m,3); `clear_row` before they change
-    place  [m] (m,3) of the candidates on the organ on which they stay: their distances, for X, do not change
+    inverse [1/m] (m,m)  X
     sign   -1: forces on the body act along -n, and its motion along n closes the gap
     area [m²] (m), tangents [1] (2,m,3)  of the candidates
     """
     if law.kind == CONDENSED:
-        _renew_condensed(law, side, i, sign, place, area, tangents, matrix, drags)
+        _renew_condensed(law, side, i, sign, inverse, tangents, matrix, drags)
     elif law.kind == SPRINGS:
         _renew_springs(law, side, i, sign, area, tangents, matrix, drags)
 
@@ -225,33 +235,29 @@ def _renew_springs(
 
 @kernel
 def _renew_condensed(
-    law: Law, side: Record, i: int, sign: float, place: Matrix, area: Array, tangents: Tensor, matrix: Matrix,
-    drags: Matrix,
-):  # fmt: skip
+    law: Law, side: Record, i: int, sign: float, inverse: Matrix, tangents: Tensor, matrix: Matrix, drags: Matrix
+):
     count, size, rubs = len(matrix), len(law.hats), tangents.shape[1] > 0
     normal, n = side.normal, vector3(side.normal, i)
     along, across = tangents[0], tangents[1]  # once: a view of an array costs as much as ten products
     here = (vector3(along, i), vector3(across, i)) if rubs else (n, n)
-    listed = _gather(law, side, i)
+    gather_hats(law, side, i)
     # displacement of the body by unit forces on the candidate
-    _field(law, listed, n, law.fields[0])
+    _field(law, side, i, n, law.fields[0])
     if rubs:
-        _fields_along(law, listed, here[0], here[1], law.fields[1], law.fields[2])
+        _fields_along(law, side, i, here[0], here[1], law.fields[1], law.fields[2])
     local = law.local > 0.0 and len(law.table) > 0
     if local:
         law.near[:] = 0.0
-        for k in range(listed):
-            row, hat = law.table[law.listed[k]], law.hats[law.listed[k]]
+        for k in range(side.few[i]):
+            row, hat = law.table[side.coarse[i, k]], side.hats[i, k]
             for v in range(size):
                 law.near[v] += hat * row[v]
-    for k in range(listed):
-        law.hats[law.listed[k]] = 0.0
     # of all candidates
     for j in range(count):
         m, more = vector3(normal, j), 0.0
         if local and n[0] * m[0] + n[1] * m[1] + n[2] * m[2] > 0.0:
-            apart = inverse_apart(vector3(place, i), vector3(place, j), area[i] / np.pi, area[j] / np.pi, i == j)
-            more = law.local * (apart - _apart(side, j, law.near))
+            more = law.local * (inverse[i, j] - _apart(side, j, law.near))
         facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0)
         matrix[i, j] = matrix[j, i] = law.scale * _seen(side, j, law.fields[0], m) + facing * more
         if rubs:

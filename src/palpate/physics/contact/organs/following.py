@@ -34,6 +34,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.compiler.fields import element_type
+from palpate.physics.bodies.between_bodies import mean_inverse
 from palpate.physics.contact.organs.candidates import Candidates
 from palpate.physics.contact.organs.surface_cells import surface_cells
 from palpate.physics.geometry.bvh import CELLS, DISCS, POINTS
@@ -71,6 +72,7 @@ class Track(NamedTuple):
     jumps [m] (m)      change of the gaps without a motion in this step
     pending [m] (m)    changes that are left
     late [1] (m)       by how much the compliances of a cell are due; 1: they are
+    inverse [1/m] (m,m)  X between the candidates, on the organ on which they stay (`between_rows`)
     rim (m)            whether a candidate is at the end of the region that has candidates
     points ... star    the other surface, see `bvh.MeshTables`
     tracked, work, foot  workspaces of `mesh_closest.track_mesh`
@@ -101,6 +103,7 @@ class Track(NamedTuple):
     jumps: Annotated[np.ndarray, "<f8", 1]
     pending: Annotated[np.ndarray, "<f8", 1]
     late: Annotated[np.ndarray, "<f8", 1]
+    inverse: Annotated[np.ndarray, "<f8", 2]
     rim: Annotated[np.ndarray, "|u1", 1]
     points: Annotated[np.ndarray, POINTS, 1]
     cells: Annotated[np.ndarray, CELLS, 1]
@@ -112,8 +115,8 @@ class Track(NamedTuple):
     foot: Annotated[np.ndarray, FEET, 1]
 
 
-def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
-    """The cells at the start."""
+def track(found: Candidates, first: Mesh, second: Mesh, measured: bool) -> Track:
+    """The cells at the start; measured: with X, which condensed organs need."""
     count = len(found.gap)
     mesh, other = (second, first) if found.swapped else (first, second)
     search, surface = MeshClosestPoint(other), surface_cells(mesh, found)
@@ -131,10 +134,11 @@ def track(found: Candidates, first: Mesh, second: Mesh) -> Track:
     slot[:count] = np.arange(count)
     ends = (slot[surface.near] < 0) & (surface.parent[surface.near] < 0)
     rim = np.array([ends[surface.near_at[i] : surface.near_at[i + 1]].any() for i in range(count)], np.uint8)
+    inverse = mean_inverse(surface.place[:count], surface.area[:count]) if measured else np.zeros((0, 0))
     approached, jumps, pending, late = (np.zeros(count) for _ in range(4))
     return Track(
         int(found.swapped), *surface, found.gap - found.gap.min(), np.arange(count), slot,
         np.ascontiguousarray(mesh.normals[surface.vertices]), last, np.zeros((size, 2)), searched, sure, base,
-        base.copy(), approached, jumps, pending, late, rim, *tables.arrays, np.zeros(1, TRACKED_TYPE),
+        base.copy(), approached, jumps, pending, late, inverse, rim, *tables.arrays, np.zeros(1, TRACKED_TYPE),
         search.scratch()[1], np.zeros(1, FEET),
     )  # fmt: skip
