@@ -22,7 +22,8 @@ class Ledger(Sparse):
                                  generates energy
     fingertip_stored      [J] () stored in the fingertip
     fingertip_dissipated  [J] () work on it minus the stored energy
-    tissue_stored         [J] () stored in the body and in the organs that touch it; 0 if a model does not report it
+    tissue_stored         [J] () stored in the body and in the organs that touch it, 0 if a model does not report it;
+                                 and in the bristles between them
     tissue_dissipated     [J] () work on them minus the stored energy; what their contacts dissipate is included
     friction_stored       [J] () stored in the bristles
     friction_dissipated   [J] () work on them minus the stored energy

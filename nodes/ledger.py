@@ -187,7 +187,9 @@ class Energy(CompiledNode):
         out.hand, out.controller, out.sampling = account.hand - own.lent, account.controller, account.sampling
         out.fingertip_stored, out.fingertip_dissipated = ledger.totals(account, ledger.FINGERTIP)
         out.tissue_stored, out.tissue_dissipated = ledger.totals(account, ledger.TISSUE)
-        out.tissue_dissipated += account.accounts[ledger.ORGANS].work - account.accounts[ledger.ORGANS].stored
+        organs = account.accounts[ledger.ORGANS]
+        out.tissue_stored += organs.stored
+        out.tissue_dissipated += organs.work - organs.stored
         out.friction_stored, out.friction_dissipated = ledger.totals(account, ledger.FRICTION)
         out.work, out.balance, out.unexplained = account.work - lent, account.left, account.balance
         out.generated, out.generated_by = most, row + 1 if most != 0.0 else 0

@@ -319,3 +319,20 @@ def test_a_contact_of_organs_that_dies_or_is_restarted_keeps_what_it_dissipated(
     assert account["work"] - account["stored"] == approx(1e-3 * lost + 5e-4 * (max(restarts, 0) + ends), rel=1e-9)
     assert balance.answer.carried[0] == approx(3e-3 * carried, rel=1e-9)
     assert balance.generated("contact of organs") == 0.0
+
+
+@pytest.mark.parametrize("rigidity", [0.0, 200.0])
+def test_the_energies_of_organs_that_rub_sum_to_the_work_of_the_hand(rigidity):
+    """A finger presses a spring of 500 N/m, and bristles of this stiffness [N/m] between it and a neighbour stretch
+    with it: the sum of all energies in the message is the work, also on the way back, where the bristles return it."""
+    balance, path = Balance(), np.linspace(0.0, 4e-3, 401)
+    for s in [*path, *path[::-1]]:
+        held = 0.5 * rigidity * s * s
+        f = (500.0 + rigidity) * s
+        moment = Moment((0.0, 0.0, -s), (0.0, 0.0, f), UP, f, 0.0, s, NONE, NONE, (0.0, 250.0 * s * s, 0.0))
+        balance.add(moment, others=[organ(0.0)], between=[organs(0.0, stored=held)])
+        stored = balance.fingertip_stored + balance.tissue_stored + balance.friction_stored
+        lost = balance.fingertip_dissipated + balance.tissue_dissipated + balance.friction_dissipated
+        taken = balance.hand - balance.controller - balance.sampling - balance.unexplained
+        assert stored == approx(250.0 * s * s + held, rel=1e-12)
+        assert stored + lost == approx(taken, rel=1e-12, abs=1e-15)
