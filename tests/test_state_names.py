@@ -74,7 +74,11 @@ TABLES: dict[str, dict[str, str]] = {
     "src/palpate/physics/bodies/sampled_body.py": {"laws": LAW, "body.fields": FIELDS},
     "src/palpate/physics/bodies/floating/mobility.py": {"expected": MOTION},
     "src/palpate/physics/contact/organs/coupled.py": {"out": MOTION, "wrench": MOTION},
-    "src/palpate/physics/contact/organs/pivoting.py": {"active.room": "rows of a workspace"},
+    "src/palpate/physics/contact/organs/pivoting.py": {
+        "active.room": "rows of a workspace",
+        "order": "four candidates, row by row",
+    },
+    "src/palpate/physics/contact/organs/between.py": dict.fromkeys(("out", "rows"), "four columns of a block"),
     "src/palpate/physics/contact/organs/rubbing_patch.py": dict.fromkeys(
         ("drags", "out"), "four candidates, row by row"
     ),

@@ -188,8 +188,8 @@ class Between(CompiledNode):
 
     def _hold_ride(self, count: int, meshes: list[Mesh]) -> None:
         """State of organs that rotate with their foundations, without room for their answers (`begins_to_ride`)."""
-        for name, columns in (("turns", 3), ("levers", 6)):
-            self.hold(name, np.zeros((count, columns)))
+        for name, rows in (("turns", 3), ("levers", 6)):  # rows in a kernel's inner loops
+            self.hold(name, np.zeros((rows, count)))
         self.hold("seen", self._held["rest"].copy())
         self.hold("torques", np.zeros((2, 3)))
         for name, mesh in zip(("first_points", "second_points"), meshes, strict=True):

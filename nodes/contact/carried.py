@@ -161,9 +161,9 @@ def press_on(own, pair):
         arm = rigid.rotated(one, (at[i, 0] - c[0], at[i, 1] - c[1], at[i, 2] - c[2]))
         leg = rigid.rotated(two, (across[i, 0] - e[0], across[i, 1] - e[1], across[i, 2] - e[2]))
         for x in range(3):
-            push[x] += p * turns[i, x]
-            push[3 + x] += p * levers[i, x]
-            push[6 + x] += p * levers[i, 3 + x]
+            push[x] += p * turns[x, i]
+            push[3 + x] += p * levers[x, i]
+            push[6 + x] += p * levers[3 + x, i]
             place[x] += 0.5 * p * ((c[x] + one.at[x] + arm[x]) + (e[x] + two.at[x] + leg[x]))
     for x in range(3):
         if total > 0.0:

@@ -14,7 +14,7 @@ from palpate.physics.bodies.floating.turning import cross
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
 from palpate.physics.contact.organs import rigid_motion as rigid
-from palpate.physics.contact.organs.pivoting import ActiveSet, complement, refactor
+from palpate.physics.contact.organs.pivoting import ActiveSet, add_rows, complement, refactor
 from palpate.physics.contact.organs.rubbing import begin_rubbing, end_rubbing, pull_of, solve_rubbing
 from palpate.physics.contact.organs.rubbing_patch import open_by_friction
 
@@ -208,7 +208,7 @@ def build_row(own, k, i):
                 if sides[k, side] >= 0 and sides[other, s] == sides[k, side]:
                     n, turns, levers = own.members[other], floats(m.turns), floats(m.levers)
                     soft, begin = m.ride[side].soft, starts[other]
-                    coupled.add_row(soft, side, turns, levers, i, s, floats(n.turns), floats(n.levers), row, begin)
+                    coupled.add_row(soft, side, turns, levers, i, s, floats(n.turns), floats(n.levers), row[begin:])
     for j in range(len(alone)):
         row[at + j] += alone[i, j]
     for j in range(len(row)):
@@ -225,14 +225,9 @@ def fill_gaps(own):
         pair, turns, levers, at = pair_of(m.pair), floats(m.turns), floats(m.levers), starts[k]
         motion_of(own, k, 0, m.by[0])
         motion_of(own, k, 1, m.by[1])
-        first, second = contact.take(pair, 0, pair.past[0].step), contact.take(pair, 1, pair.past[0].step)
         for i in range(len(pair.free)):
             gap[at + i] = pair.free[i] + coupled.opening_of(m.by[0], m.by[1], turns, levers, i)
-        for n in range(pair.active.tally[0].active):
-            j = pair.active.order[n]
-            one, other = first * pair.active.force[j], second * pair.active.force[j]
-            for i in range(len(pair.free)):
-                gap[at + i] += one * pair.first[j, i] + other * pair.second[j, i]
+        add_rows(pair.matrix, pair.active, 1.0, gap[at : starts[k + 1]])
         for i in range(len(pair.free)):
             off = max(off, abs(gap[at + i]) if pair.active.force[i] > 0.0 else -gap[at + i])
     return off
@@ -242,7 +237,7 @@ def fill_gaps(own):
 def solve_normal(own, most):
     """Solve for the normal forces of all contacts, after `fill_gaps`. Returns the candidates that are left."""
     active, gap, matrix = active_of(own.active), floats(own.gap), floats(own.matrix)
-    coupled.take_forces(matrix, active.order, active.tally[0].active, active.force, gap)
+    add_rows(matrix, active, -1.0, gap)
     left = complement(matrix, gap, active, most)
     hand_out(own, active)
     push_all(own)

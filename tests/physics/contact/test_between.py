@@ -137,11 +137,11 @@ def test_the_opening_by_a_load_is_the_sum_over_its_terminals():
     rng = np.random.default_rng(11)
     corners, weights = rng.integers(0, 9, (50, 3)), rng.uniform(0, 1, (50, 3))
     compliance, nodes = rng.standard_normal((27, SIZE)), rng.choice(50, 12, replace=False).astype(np.int32)
-    forces, out = rng.standard_normal((12, 3)), np.zeros(SIZE)
+    forces, out, blocks = rng.standard_normal((12, 3)), np.zeros(SIZE), between.blocks_of(compliance)
     gathered, touched, part = np.zeros((9, 3)), np.zeros((2, 9), np.int64), np.zeros(SIZE)
     n = rng.standard_normal(3)
     n /= np.linalg.norm(n)
-    between.open_by(nodes, forces, tuple(n), corners, weights, compliance, gathered, touched, out, part)
+    between.open_by(nodes, forces, tuple(n), corners, weights, blocks, gathered, touched, out, part)
     for found, loads in ((out, forces), (part, np.outer(forces @ n, n))):
         expected = np.zeros(SIZE)
         for node, force in zip(nodes, loads, strict=True):

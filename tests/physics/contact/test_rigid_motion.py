@@ -32,10 +32,10 @@ def cells(rng, count, tilt=0.0):
 
 def placed(one, two, given):
     normal, opposite, first, second, rest = given
-    turns, levers, gap = np.zeros((len(rest), 3)), np.zeros((len(rest), 6)), np.zeros(len(rest))
+    turns, levers, gap = np.zeros((3, len(rest))), np.zeros((6, len(rest))), np.zeros(len(rest))
     before = np.einsum("ij,ij->i", normal, first - second)
     rigid.place_cells(one, two, normal, opposite, first, second, turns, levers, rest, before, gap)
-    return turns, levers, gap
+    return turns.T, levers.T, gap
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.3])
@@ -126,8 +126,8 @@ def test_the_matrix_of_two_contacts_of_an_organ_is_that_of_its_mobility():
         soft[3 * half : 3 * half + 3] = root @ root.T
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = soft[:3], soft[3:]
-    turns, levers = [rng.normal(size=(n, 3)) for n in (4, 3)], [rng.normal(size=(n, 6)) for n in (4, 3)]
-    rows = np.vstack([np.hstack([-turns[0], levers[0][:, 3:]]), np.hstack([turns[1], levers[1][:, :3]])])
+    turns, levers = [rng.normal(size=(3, n)) for n in (4, 3)], [rng.normal(size=(6, n)) for n in (4, 3)]
+    rows = np.hstack([np.vstack([-turns[0], levers[0][3:]]), np.vstack([turns[1], levers[1][:3]])]).T
     found, begins, sides = np.zeros((7, 7)), (0, 4), (1, 0)
     for k in range(2):
         for j in range(2):

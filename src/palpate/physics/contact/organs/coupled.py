@@ -51,8 +51,8 @@ def add_push(wrench: Array, force: float, turns: Matrix, levers: Matrix, i: int,
     """Add J_i' p_i of candidate i, force and moment [N, N m] (6) on an organ; side 0: the first, 1: the second."""
     sign = force if side == 0 else -force
     for x in range(3):
-        wrench[x] += sign * turns[i, x]
-        wrench[3 + x] += force * levers[i, 3 * side + x]
+        wrench[x] += sign * turns[x, i]
+        wrench[3 + x] += force * levers[3 * side + x, i]
 
 
 @kernel
@@ -75,8 +75,8 @@ def opening_of(one: Array, two: Array, turns: Matrix, levers: Matrix, i: int):
 def _rows(soft: Matrix, side: int, turns: Matrix, levers: Matrix, i: int):
     """A_b J_i' of candidate i: two vectors (3)."""
     sign = 1.0 if side == 0 else -1.0
-    shift: Vector3 = (sign * turns[i, 0], sign * turns[i, 1], sign * turns[i, 2])
-    about: Vector3 = (levers[i, 3 * side], levers[i, 3 * side + 1], levers[i, 3 * side + 2])
+    shift: Vector3 = (sign * turns[0, i], sign * turns[1, i], sign * turns[2, i])
+    about: Vector3 = (levers[3 * side, i], levers[3 * side + 1, i], levers[3 * side + 2, i])
     return apply(soft, shift, 0), apply(soft, about, 3)
 
 
@@ -87,28 +87,19 @@ def add_block(
 ):  # fmt: skip
     """Add J A J' [m/N] of an organ, which is the `side` of one contact and the side `other` of a second one, to the
     block of a matrix that begins at `row` and `column`."""
-    for i in range(len(turns)):
-        add_row(soft, side, turns, levers, i, other, turns_2, levers_2, out[row + i], column)
+    for i in range(turns.shape[1]):
+        add_row(soft, side, turns, levers, i, other, turns_2, levers_2, out[row + i][column:])
 
 
 @ieee_kernel
 def add_row(
     soft: Matrix, side: int, turns: Matrix, levers: Matrix, i: int, other: int, turns_2: Matrix, levers_2: Matrix,
-    out: Array, column: int,
+    out: Array,
 ):  # fmt: skip
-    """`add_block` for candidate i of the first contact, to a row of the matrix."""
+    """`add_block` for candidate i of the first contact, to a row of the matrix from its column on."""
     sign, k = 1.0 if other == 0 else -1.0, 3 * other
     p, q = _rows(soft, side, turns, levers, i)
-    for j in range(len(turns_2)):
-        h = p[0] * turns_2[j, 0] + p[1] * turns_2[j, 1] + p[2] * turns_2[j, 2]
-        t = q[0] * levers_2[j, k] + q[1] * levers_2[j, k + 1] + q[2] * levers_2[j, k + 2]
-        out[column + j] += sign * h + t
-
-
-@ieee_kernel
-def take_forces(matrix: Matrix, order: Array, count: int, force: Array, out: Array):
-    """Subtract the matrix times the forces of the first `count` candidates in `order` from `out` [m]."""
-    for k in range(count):
-        row, value = matrix[order[k]], force[order[k]]
-        for i in range(len(out)):
-            out[i] -= row[i] * value
+    for j in range(turns_2.shape[1]):
+        h = p[0] * turns_2[0, j] + p[1] * turns_2[1, j] + p[2] * turns_2[2, j]
+        t = q[0] * levers_2[k, j] + q[1] * levers_2[k + 1, j] + q[2] * levers_2[k + 2, j]
+        out[j] += sign * h + t

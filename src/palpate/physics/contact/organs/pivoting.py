@@ -67,6 +67,24 @@ def active_set(count: int) -> ActiveSet:
 
 
 @kernel
+def add_rows(matrix: Matrix, active: ActiveSet, scale: float, out: Array):
+    """Add the matrix (m,n) times `scale` times the forces of the active candidates to `out` (n); four rows at a time,
+    so that `out` is read and written once for them."""
+    order, force, count = active.order, active.force, active.tally[0].active
+    whole = count - count % 4
+    for k in range(0, whole, 4):
+        g, h, i, j = order[k], order[k + 1], order[k + 2], order[k + 3]
+        one, two, three, four = matrix[g], matrix[h], matrix[i], matrix[j]
+        p, q, r, s = scale * force[g], scale * force[h], scale * force[i], scale * force[j]
+        for n in range(len(out)):
+            out[n] = (((out[n] + p * one[n]) + q * two[n]) + r * three[n]) + s * four[n]
+    for k in range(whole, count):
+        row, value = matrix[order[k]], scale * force[order[k]]
+        for n in range(len(out)):
+            out[n] += value * row[n]
+
+
+@kernel
 def solve_lower(active: ActiveSet, right: Array, count: int):
     """Replace `right` (count), in the order of the factor, by the solution x of U'x = right, so that x.x =
     right.W_SS^-1 right."""
@@ -156,13 +174,10 @@ def _balance(matrix: Matrix, gap: Array, active: ActiveSet, slack: Array):
     for k in range(count):
         right[k] = -gap[order[k]]
     solve_active(active, right, count)
-    slack[:] = gap
     for k in range(count):
-        i, value = order[k], right[k]
-        active.force[i] = value
-        row = matrix[i]
-        for j in range(len(slack)):
-            slack[j] += row[j] * value
+        active.force[order[k]] = right[k]
+    slack[:] = gap
+    add_rows(matrix, active, 1.0, slack)
 
 
 @kernel

@@ -98,7 +98,7 @@ def place_cells(
     one: Record, two: Record, normal: Matrix, opposite: Matrix, first: Matrix, second: Matrix, turns: Matrix,
     levers: Matrix, rest: Array, before: Array, gap: Array,
 ):  # fmt: skip
-    """Fill h [1] (m,3), t_1 and t_2 [m] (m,6) and g [m] (m) for the place of both organs.
+    """Fill h [1] (3,m), t_1 and t_2 [m] (6,m) and g [m] (m) for the place of both organs.
 
     normal, opposite n_1, n_2, first x_1, second x_2 (m,3)  on the organs at the start
     rest g_0, before n.(x_1 - x_2) [m] (m)
@@ -134,14 +134,14 @@ def place_cell(
     t, u = cross(arm, h), cross(a, aside)
     v, w = cross(leg, h), cross(b, aside)
     for k in range(3):
-        turns[i, k], levers[i, k], levers[i, 3 + k] = h[k], t[k] + u[k], w[k] - v[k]
+        turns[k, i], levers[k, i], levers[3 + k, i] = h[k], t[k] + u[k], w[k] - v[k]
 
 
 @kernel
 def opened(by: Array, sign: float, turns: Matrix, levers: Matrix, i: int, begin: int):
     """J_b q of candidate i for a motion `by` [m, rad] (6) of an organ; sign 1, begin 0: first; -1, 3: second."""
-    along = turns[i, 0] * by[0] + turns[i, 1] * by[1] + turns[i, 2] * by[2]
-    about = levers[i, begin] * by[3] + levers[i, begin + 1] * by[4] + levers[i, begin + 2] * by[5]
+    along = turns[0, i] * by[0] + turns[1, i] * by[1] + turns[2, i] * by[2]
+    about = levers[begin, i] * by[3] + levers[begin + 1, i] * by[4] + levers[begin + 2, i] * by[5]
     return sign * along + about
 
 
