@@ -262,6 +262,24 @@ def hand_out(own, active):
 
 
 @kernel
+def join_all(own):
+    """Where the contacts join a run, after `withhold`: take the forces that their bodies bear as those of the last
+    step, which the foundations have felt."""
+    starts, active, count = longs(own.starts), active_of(own.active), 0
+    for k in range(len(starts) - 1):
+        m = own.members[k]
+        pair = pair_of(m.pair)
+        for n in range(pair.active.tally[0].active):
+            i = starts[k] + pair.active.order[n]
+            active.order[count], active.place[i], active.force[i] = i, count, pair.active.force[pair.active.order[n]]
+            count += 1
+        press_on(m, pair)
+        for x in range(9):
+            m.sent[x] = m.wrench[x]
+    active.tally[0].active = count
+
+
+@kernel
 def _rub_by(own, k, pull, sign):
     """Add the motion of both organs of contact k by `sign` times a friction `pull` [N] (3) on the first."""
     m, sides, wrench = own.members[k], integers(own.sides), own.wrench
@@ -328,6 +346,8 @@ def begin(own, loads, supports, dt):
                 changed = changed or rigid.has_changed(ride)
                 for x in range(6):
                     organ.free[x], organ.pushed[x], organ.rubbed[x] = ride.ahead[x], 0.0, 0.0
+    if joins:
+        join_all(own)
     take_back(own)
     push_all(own)
     for k in range(len(sides)):

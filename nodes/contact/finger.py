@@ -16,7 +16,7 @@ AGREE = 1e-6  # [m] difference of the indentations of contact and body below whi
 GONE = 2.0 * FALL  # [s] time in which the force falls to zero when the body is missing
 KNOWN = 10e-3  # [s] duration of a gap in which the hand may brake: 0.4 m/s at 40 m/s^2
 REST = 1e3  # [s] duration after which any body is at rest
-RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage: w' = -w/RETURN - CATCH_UP
+RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage (`regained`)
 NOTHING = (0.0, 0.0, 0.0)
 
 FINGER = {
@@ -61,8 +61,15 @@ def depth_of(proximity):
 
 @kernel
 def regained(withheld, dt):
-    """What is left [m] of a withheld approach after a step of dt [s]."""
-    return max((withheld - CATCH_UP * dt) / (1.0 + dt / RETURN), 0.0)
+    """What is left [m] of a withheld approach w after a step of dt [s]. With R = `RETURN` and V = `CATCH_UP`
+
+        w' = -(w/R + V) above V R,    w' = -2 sqrt(w V/R) below
+
+    so that the rate falls to zero at the end: a rate that ends at V leaves a step of the viscous force."""
+    if withheld > RETURN * CATCH_UP:
+        return max((withheld - CATCH_UP * dt) / (1.0 + dt / RETURN), 0.0)
+    root = max(math.sqrt(withheld) - math.sqrt(CATCH_UP / RETURN) * dt, 0.0)
+    return root * root
 
 
 @ieee_kernel

@@ -89,7 +89,7 @@ class Series(CompiledNode):
     Without tissue the force is zero and the fingertip recovers. If the tissue disappears, the force falls to zero
     within 8 ms: the last law, at rest, is applied to an approach that falls to zero. When the tissue returns, or if
     this node joins a run in progress, the effective approach begins at the sum of compression and indentation, and the
-    withheld remainder w decays: w' = -w/(30 ms) - 20 mm/s, 0.1 s for 15 mm.
+    withheld remainder returns (`finger.regained`), 0.11 s for 15 mm.
     """
 
     finger_law: Annotated[Literal["exponential", "power", "hertz", "soft", "median", "stiff"], "1"] = "exponential"

@@ -5,6 +5,10 @@ if its support is restarted, or if messages of it are lost. The overlap, in one 
 which viscous bodies push with many times the force at rest. So it is withheld from all gaps, and returns as the
 approach of a finger does after an outage (`finger`): the contact begins without force, as at the start of a run, or
 continues with the force before the leap.
+
+Organs that forces move wait for their contact, and so stay where it held them. Without its force they would sink, and
+be lifted again by energy that no one gives. So this contact begins with the force under which its bodies are at rest
+there (`_bear`): it gives no energy.
 """
 
 import numpy as np
@@ -14,6 +18,7 @@ from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.contact.finger import regained
 from palpate.nodes.contact.placed import track_of
 from palpate.physics.bodies.floating.turning import spin
+from palpate.physics.contact.organs.pivoting import add_rows, complement
 
 LEAST, TURNED = 1e-5, 2e-4  # [m], [rad] of a leap
 FASTER = 2.0  # [1] motion between two messages over that at the velocity of the second one from which it is a leap
@@ -57,13 +62,16 @@ def leaps(own, side, messages, i):
 @ieee_kernel
 def withhold(own, pair, rub, joins, leapt, dt):
     """Before a step of organs that may move, at their places: let the bodies of a contact that `joins` a run be at rest
-    under all other loads, withhold what overlaps then or after a leap, and return the next part of it."""
+    under all other loads, withhold what overlaps then or after a leap, and return the next part of it. Between organs
+    that forces move they are also at rest under the contact, and nothing is withheld."""
     track = track_of(own.track)
     if len(track.cell) == 0:
         return
     if joins:
         _rest(pair, rub, floats(own.others))
-    if joins or leapt:
+    if joins and own.floats:
+        _bear(pair, rub)
+    elif joins or leapt:
         least = 0.0
         for i in range(len(pair.gap)):
             least = min(least, pair.gap[i] + (pair.moved[0, i] + pair.moved[1, i]))
@@ -83,6 +91,22 @@ def _rest(pair, rub, others):
             pair.moved[body, i] = others[body, i]
         for i in range(len(rub.moved[body])):
             rub.moved[body, i] = rub.others[body, i]
+
+
+@ieee_kernel
+def _bear(pair, rub):
+    """Let both bodies, at rest without the contact, also be at rest under it: fills its forces."""
+    matrix, free, moved = pair.matrix, pair.free, pair.moved
+    for i in range(len(free)):
+        free[i] = pair.gap[i] + (moved[0, i] + moved[1, i])
+        for j in range(len(free)):
+            matrix[i, j] = pair.first[i, j] + pair.second[i, j]
+    complement(matrix, free, pair.active, 2 * len(free))
+    add_rows(pair.first, pair.active, 1.0, moved[0])
+    add_rows(pair.second, pair.active, 1.0, moved[1])
+    if len(rub.touched) > 0:
+        add_rows(rub.first, pair.active, 1.0, rub.moved[0])
+        add_rows(rub.second, pair.active, 1.0, rub.moved[1])
 
 
 @kernel
