@@ -87,7 +87,9 @@ class Between(CompiledNode):
         "track": form(following.Track), "first_law": form(Law), "second_law": form(Law), "opposite": TABLE,
         "before": ARRAY, "turn": int, "still": (2, 3), "still_turn": (2, 3), "tangents": TABLE, "ended": (),
         "fresh": int, "outer": int, "looked": int, "relative": (3, 3), "offset": (3,),
-        "floats": bool, "room": (), "losses": (),  # whether forces move an organ; [J] lost in the last step, and in all
+        # Whether forces move an organ; whether organs were still while the contact was missing; [J] lost in the last
+        # step, and in all.
+        "floats": bool, "waited": bool, "room": (), "losses": (),
         "penetrates": (2,),  # greatest overlap left [m]; the most [m] for which nothing is reported
         # Of organs that rotate with their foundations (`carried`): their places; motions [m, rad] in a step; h, levers;
         # gaps [m] that the last step expected; vertices [m]; forces of the candidates [N, N m], and all that were sent

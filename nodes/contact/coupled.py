@@ -32,8 +32,8 @@ class Coupled(Between):
     answers to another a step later, and in several processes none waits for another.
 
     loads, supports  fingers on all these organs, and the motions of all of them
-    island  settings of all these contacts, with the places of their loads and supports in these inputs, as JSON;
-            `place` is that of this one; set by the loader
+    island  settings of all these contacts, with the places of their loads and supports in these inputs, and whether
+            both organs wait for the contact, as JSON; `place` is that of this one; set by the loader
     """
 
     island: Annotated[str, "1"] = ""
@@ -71,6 +71,8 @@ class Coupled(Between):
             member.resize([member.first_organs, member.second_organs])
             member.make_follow()
             member.own["rides"] = member.own["floats"] = True
+            # the node of another contact may run while this one is restarted
+            member.own["waited"] = k != self.place or given[k].get("waits", True)
             sizes.append(len(member._held["rest"]))
             self.own["members"][k] = member.own
             for path, array in member._held.items():

@@ -1,5 +1,7 @@
 """Organs on foundations that touch other organs, in graphs: a pinch that lifts one off another, and drops it."""
 
+import json
+
 import numpy as np
 import pytest
 from expected_notes import STIFF
@@ -54,6 +56,16 @@ def pressed(tmp_path_factory):
     return run(
         path, *QUICK, on_foundations(foundation_of("kidney"), foundation_of("liver", "900 N/m", "300 g")), duration=0.7
     )
+
+
+@NOTES
+@pytest.mark.parametrize("floating, waits", [(["kidney"], True), (["kidney", "liver"], False)])
+def test_a_contact_knows_whether_its_organs_wait_for_it(floating, waits):
+    """The foundation of an organ that a finger touches goes without a contact that fails, so that the finger keeps
+    its force."""
+    given = on_foundations(*map(foundation_of, floating))
+    graph = load("neighbours", overrides=[*COARSE, given])
+    assert json.loads(graph.nodes["between"].settings["island"])[0]["waits"] is waits
 
 
 @NOTES

@@ -39,7 +39,8 @@ def openings(between, which, load):
     out = np.zeros(len(held["pair.gap"]))
     for node, force in zip(load.nodes, load.forces, strict=True):
         for corner, weight in zip(held[f"{side}.corners"][node], held[f"{side}.weights"][node], strict=True):
-            out += weight * force @ held[f"{side}.response"][3 * corner : 3 * corner + 3]
+            rows = held[f"{side}.response"][:, 3 * corner : 3 * corner + 3]
+            out += weight * np.einsum("x,bxl->bl", force, rows).ravel()[: len(out)]
     return out
 
 

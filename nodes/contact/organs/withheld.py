@@ -6,9 +6,10 @@ which viscous bodies push with many times the force at rest. So it is withheld f
 approach of a finger does after an outage (`finger`): the contact begins without force, as at the start of a run, or
 continues with the force before the leap.
 
-Organs that forces move wait for their contact, and so stay where it held them. Without its force they would sink, and
-be lifted again by energy that no one gives. So this contact begins with the force under which its bodies are at rest
-there (`_bear`): it gives no energy.
+Organs that forces move, and no finger, wait for their contact, and so stay where it held them. Without its force they
+would sink, and be lifted again by energy that no one gives. So it begins with the force under which its bodies are at
+rest there (`_bear`): it gives no energy. So do the copies of other contacts in a `contact.Coupled`, which may have run
+meanwhile: they have the forces of the others, or soon. Organs that moved meanwhile would be thrown apart.
 """
 
 import numpy as np
@@ -62,14 +63,14 @@ def leaps(own, side, messages, i):
 @ieee_kernel
 def withhold(own, pair, rub, joins, leapt, dt):
     """Before a step of organs that may move, at their places: let the bodies of a contact that `joins` a run be at rest
-    under all other loads, withhold what overlaps then or after a leap, and return the next part of it. Between organs
-    that forces move they are also at rest under the contact, and nothing is withheld."""
+    under all other loads, withhold what overlaps then or after a leap, and return the next part of it. If the organs
+    waited for the contact, they are also at rest under it, and nothing is withheld."""
     track = track_of(own.track)
     if len(track.cell) == 0:
         return
     if joins:
         _rest(pair, rub, floats(own.others))
-    if joins and own.floats:
+    if joins and own.waited:
         _bear(pair, rub)
     elif joins or leapt:
         least = 0.0
