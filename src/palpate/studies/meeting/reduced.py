@@ -54,7 +54,8 @@ class MeetingRun:
 
 
 class _Descent(CompiledNode):
-    """Sends the displacement of the upper foundation, one row per tick."""
+    """Sends the displacement and velocity of the upper foundation, one row per tick. A motion without its velocity
+    would be a leap, which the contact withholds."""
 
     paced = True
     State = {"tick": int, "rows": ARRAY}
@@ -69,7 +70,8 @@ class _Descent(CompiledNode):
 
     @kernel
     def compute(own, out: Out[Support], dt):
-        out.displacement[2] = floats(own.rows)[own.tick]
+        before, out.displacement[2] = out.displacement[2], floats(own.rows)[own.tick]
+        out.velocity[2] = (out.displacement[2] - before) / dt if own.tick > 0 else 0.0
         own.tick += 1
 
 
