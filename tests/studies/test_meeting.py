@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
+from palpate.launch.testing import FakeBus
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import MassSpring, ReducedFE
 from palpate.physics.bodies.between_bodies import mean_inverse
@@ -89,3 +90,11 @@ def test_unknown_meetings_and_bodies_are_refused(tmp_path, monkeypatch):
     with pytest.raises(ArgumentError, match="damaged"):
         stored.reference("balls")
     stored.references.cache_clear()
+
+
+def test_a_descent_has_the_velocity_of_its_motion():
+    """Without it each tick was a leap, which the contact withholds: nothing touched."""
+    bus = FakeBus(reduced._Descent(np.array([-1e-3, -1.2e-3, -1.7e-3])))
+    sent = bus.run(3)
+    assert [s.displacement[2] for s in sent] == [-1e-3, -1.2e-3, -1.7e-3]
+    assert [s.velocity[2] for s in sent] == approx([0.0, -0.2, -0.5])
