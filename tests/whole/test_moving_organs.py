@@ -302,7 +302,7 @@ def test_the_ledger_keeps_what_a_contact_of_organs_did_before_it_was_restarted()
         "scene.motions={push: {moves: [kidney], path: [{to: [0, 0, 0.004], time: 0.1}]}}",
     ]  # fmt: skip
     totals, ledgers = [], []
-    for tick in palpate.steps("neighbours", duration=0.25, sets=sets):
+    for tick in palpate.steps("neighbours", duration=0.3, sets=sets):
         totals.append(tick["between"])
         ledgers.append(tick["ledger"])
         if len(totals) == 200:

@@ -7,7 +7,7 @@ import pytest
 from pytest import approx
 
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.condensed_body import CondensedBody, answer, bear, condensed_body
+from palpate.physics.bodies.condensed_body import CondensedBody, answer, bear, condensed_body, patch_energy
 from palpate.physics.geometry.mesh import plane
 
 YOUNG, TAU, DT = 19e3, 0.02, 1e-3
@@ -51,7 +51,8 @@ def press(body: CondensedBody, radius: float, force: float) -> tuple[float, np.n
 @pytest.mark.parametrize("remembers", [True, False])
 def test_a_history_has_the_mean_correction_of_its_loads(remembers):
     """A load at rest, and in the next step another one of the same force, whose correction is smaller. With that of the
-    present place alone the tissue under it rose in one step by as much as it yields."""
+    present place alone the tissue under it rose in one step by as much as it yields. The stored energy is half of the
+    force times the indentation of its history."""
     body = made(remembers)
     for _ in range(400):
         before, first, c = press(body, 5e-3, 0.5)
@@ -62,6 +63,7 @@ def test_a_history_has_the_mean_correction_of_its_loads(remembers):
     pressed = 0.5 * (KEEP * (second @ table @ first) / (second @ table @ second) + TAKE)
     right = KEEP * c + TAKE * d if remembers else d
     assert after == approx(right * pressed, rel=1e-4)
+    assert patch_energy(body) == approx(0.5 * after * pressed, rel=1e-4)
 
 
 def test_at_one_place_nothing_changes():

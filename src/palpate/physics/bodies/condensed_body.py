@@ -226,11 +226,12 @@ def patch_energy(body: CondensedBody):
         acting = bears[i] + row_times(body.cross[i], bears) / max(body.contacts[i].self_compliance, 1e-300)
         if body.contacts[i].organ:
             now, normal = body.contacts[i].now, body.contacts[i].self_compliance * acting
-            total += 0.5 * bears[i] * (now + (now - normal))
+            total += 0.5 * bears[i] * (now + (now - normal - body.contacts[i].recalled * bears[i]))
             continue
         if len(body.model.area.forces) > 0:
             press, own = body.contacts[0].press if len(bears) == 1 else bears[i], body.contacts[i].self_compliance
             linear = own * (acting - bears[i] + press) - step.fixed_part(body.model, body.contacts[i]) * press
+            linear += body.contacts[i].recalled * press
             total += 0.5 * linear * press + approach(body.model.area.table, press)[2]
             continue
         share = bears[i] / acting if acting > 0.0 else 0.0
@@ -240,7 +241,7 @@ def patch_energy(body: CondensedBody):
 
 @ieee_kernel
 def _stored_under(model: Record, contact: Record):
-    now, compliance = contact.now, contact.self_compliance
+    now, compliance = contact.now, contact.self_compliance + contact.recalled
     if not (now > 0.0 and compliance > 0.0):
         return 0.0
     if contact.organ:

@@ -61,6 +61,7 @@ CONTACT = {
     "scattered": (),  # [1] w of `scattered`
     "total": (),  # [N] normal force of the load
     "corrected": (),  # [m N/N Pa] the history of the correction times the normal force, see `_remembered`
+    "recalled": (),  # [m/N] what the compliance of the history is above the present one
     "organ": bool,  # load of another organ (`physics.contact.organs`): linear, frictionless
     "rubs": (),  # [m/N] indentation of the next step by the friction that grows with the normal force
     "excess": EXCESS, "holds": HOLDS,
@@ -198,7 +199,7 @@ def take_load(
     kept = more
     if model.remembers:
         kept = _remembered(contact, body, more, fading, take * (share * total))
-    self_compliance = (body + more) / young
+    self_compliance, contact.recalled = (body + more) / young, (kept - more) / young
     press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that corresponds to h
     # indentation due to the tangential load
     tangential = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
