@@ -83,9 +83,7 @@ def _describe(
 def _waits(body: str, contact: str, supports: tuple[str, ...], nodes: dict[str, NodeSpec], wires: list[Wire]) -> bool:
     """Whether a body does not move without messages of a contact: it is fixed, or its foundation needs them."""
     moving = [each for each in supports if body in nodes[each].settings["moves"]]
-    return not moving or any(
-        w.producer == contact and w.consumer in moving and not w.port.optional for w in wires
-    )  # fmt: skip
+    return not moving or any(w.producer == contact and w.consumer in moving and not w.port.optional for w in wires)
 
 
 def _body(contact: str, which: str, nodes: dict[str, NodeSpec], wires: list[Wire]) -> str:

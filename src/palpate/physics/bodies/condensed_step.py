@@ -214,8 +214,8 @@ def take_load(
 
 @kernel
 def _remembered(contact: Record, body: float, more: float, fading: float, added: float):
-    """The correction [m/N] of the compliance g.C g `body` under the history of a load: the mean, by force, of those of
-    the places of its loads, `more` being that of the present one.
+    """The correction of the compliance g.C g `body` under the history of a load, both [m/N] for a modulus of 1 Pa: the
+    mean, by force, of those of the places of its loads, `more` being that of the present one.
 
     With that of the present place alone, tissue that is already indented would follow each change of the correction at
     once, where it has the time of retardation to follow a change of the load. Next to a gap the correction changes by
