@@ -19,6 +19,7 @@ from palpate.launch.run.assign import jobs
 from palpate.launch.run.reports import Note, Report
 from palpate.launch.run.work.simulated import run_simulated
 from palpate.launch.run.work.worker import Worker
+from palpate.nodes import collision
 from palpate.physics.geometry.mesh import Mesh
 from palpate.studies.organs.bounds.side import EVERY, MOVES
 from palpate.studies.organs.runs import launch
@@ -26,6 +27,7 @@ from palpate.studies.organs.touches import Touch
 from palpate.studies.organs.trace import LEAST_FORCE, Trace, length
 
 DEEP = 0.1  # [m] of the search for the other side
+LEAPS = 3e-3  # [m] that a point moves more than the finger explains
 WIDER = "wider than the organ"  # in the note of `nodes.spread`
 
 
@@ -51,10 +53,14 @@ def _is_narrow(trace: Trace, mesh: Mesh) -> bool:
 
 
 def _jumps(trace: Trace, _: Mesh) -> bool:
+    """Whether the nearest point leaps, unless the foot stays and the finger barely passes the middle of a thin part."""
     pressed = np.flatnonzero(trace["contact.force"] > LEAST_FORCE)[:: trace.ticks(EVERY)]
-    place = trace["finger.position"][pressed]
-    motion, jump = (length(np.diff(points, axis=0)) for points in (place, trace.closest(place)[0]))
-    return bool((jump > MOVES * motion + 3e-3).any())
+    place, foot = trace["finger.position"][pressed], trace["contact.foot"][pressed]
+    nearest, _normals, _curvatures, distance = trace.closest(place)
+    motion, leap, step = (length(np.diff(points, axis=0)) for points in (place, nearest, foot))
+    farther = length(place - foot) - np.abs(distance) > collision.Mesh.hysteresis
+    explained = MOVES * motion + LEAPS
+    return bool((leap > explained).any() and (farther.any() or (step > explained).any()))
 
 
 REASONS = {"thickness": _exceeds_thickness, "patch": _is_narrow, "jump": _jumps}
