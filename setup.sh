@@ -30,7 +30,8 @@ if [ -z "$python" ]; then
 fi
 
 # Off-screen 3-D pictures need OSMesa, devices on USB libusb; python3-venv is a package of its own on Debian.
-packages=""
+# apt-get works while pip does.
+packages="" debian=""
 ldconfig -p 2>/dev/null | grep -q 'libOSMesa\.so' || packages="libosmesa6"
 ldconfig -p 2>/dev/null | grep -q 'libusb-1\.0\.so' || packages="$packages libusb-1.0-0"
 "$python" -c 'import ensurepip' 2>/dev/null || packages="$packages python3-venv"
@@ -46,8 +47,10 @@ if [ -n "$packages" ] && command -v apt-get >/dev/null 2>&1; then
         echo "setup: not allowed to install Debian packages; for all pictures and devices: sudo apt-get install $packages" >&2
     else
         # shellcheck disable=SC2086
-        { $root apt-get update -qq && $root apt-get install -y -qq $packages; } >/dev/null 2>&1 ||
-            echo "setup: apt-get could not install: $packages (3-D pictures or USB devices may be missing)" >&2
+        { { $root apt-get update -qq && $root apt-get install -y -qq $packages; } >/dev/null 2>&1 </dev/null ||
+            echo "setup: apt-get could not install: $packages (3-D pictures or USB devices may be missing)" >&2; } &
+        debian=$!
+        case $packages in *python3-venv*) wait $debian ;; esac
     fi
 fi
 
@@ -69,6 +72,7 @@ install -e .
 kernels=$!
 trap 'kill $kernels 2>/dev/null || true' EXIT
 install "$@"
+[ -z "$debian" ] || wait "$debian"
 .venv/bin/python -m palpate.cli.machine.bytecode tests/golden/kidney.mcap >/dev/null ||
     echo "setup: the bytecode was not written; commands start more slowly" >&2
 { [ "$tests" = yes ] && kill $kernels 2>/dev/null; } || wait $kernels ||
