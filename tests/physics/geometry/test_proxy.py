@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from formulas import foot_row
 from pytest import approx
+from scipy.spatial.transform import Rotation
 
 from palpate.physics.geometry.closest import ClosestPoint, track
 from palpate.physics.geometry.kidney import kidney
@@ -323,3 +324,29 @@ def test_the_normal_turns_no_faster_at_a_depth_than_a_patch_may_slide():
     rolls = np.maximum(-feet[:-1, 8], 0.0) * np.linalg.norm(np.diff(feet[:, 3:6], axis=0), axis=1)
     share = rolls / np.maximum(EASY * moved, FASTEST * 1e-3)
     assert 0.9 < share.max() <= 1.0
+
+
+def notched(turn):
+    """A sheet with a notch 0.1 mm deep along y, one wall of which is steep and the other flat; turned."""
+    profile = np.array([(-20, 0), (-0.06, 0), (0, -0.1), (0.5, 0), (20, 0)]) * 1e-3
+    ways = np.linspace(-20e-3, 20e-3, 41)
+    points = np.array([(x, y, z) for y in ways for x, z in profile])
+    i = (np.arange(40)[:, None] * 5 + np.arange(4)).ravel()
+    triangles = np.concatenate([np.stack([i, i + 1, i + 6], 1), np.stack([i, i + 6, i + 5], 1)])
+    return Mesh(points @ turn.T, triangles.astype(np.int32))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_gap_below_a_notch_does_not_leap_between_its_walls(seed):
+    """The bottom of the notch is nearest, and belongs to both walls: of the flat one, on the face of the foot, and of
+    the steep one, on another face. The gap of a finger that slides 3 mm below was that of the bottom for one and that
+    of the foot for the other, 0.1 mm deeper, in turns: 0.6 N of a viscous fingertip at 10 kHz. The distance from the
+    bottom changes by up to 0.26 of the finger's motion."""
+    turn = Rotation.random(random_state=seed).as_matrix()
+    path = line((-5e-3, -1e-3, 5e-3), (-3e-3, -1e-3, -3e-3), (3e-3, 1e-3, -3e-3), step=27e-6)
+    below = np.flatnonzero(path[:, 2] <= -3e-3 + 1e-9)[1:]
+    feet = mesh_run(notched(turn), path @ turn.T, thickness=4e-3, dt=1e-4)
+    moved = np.linalg.norm(np.diff(path[below], axis=0), axis=1)
+    changes = np.abs(np.diff(feet[below, 8])) / moved
+    assert 0.2 < changes.max() < 0.3
+    assert feet[below, 8].max() > -2.9e-3 and feet[below[[0, -1]], 8] == approx(-3e-3, abs=2e-5)

@@ -14,8 +14,9 @@ This ends when the tool is outside as seen from the side of entry, or far beyond
 touches neither the side of entry nor the nearest point; the gap rises to the true one first, by the motion of the tool
 or at `FADES`, also if it turns round meanwhile, unless it enters the body. A tool that starts inside, or jumps, has no
 side of entry: its foot is the nearest point. The other side may be nearer by the hysteresis of the search before the
-foot changes; until then the gap is the distance of the foot, not of the other side. Past the border of a sheet the gap
-is the distance.
+foot changes; until then the gap is the distance of the foot, not of the other side. This is decided by the direction to
+the nearest point, because the bottom of a notch belongs to two faces; when it changes, the gap continues at its last
+rate, and reaches that of the target as slowly as after a leap. Past the border of a sheet the gap is the distance.
 
 **The foot follows its target no faster than the tool moves.** Near a centre of curvature (1 - d kappa = 0), in a
 groove, at a rim and over the edges of a coarse mesh the nearest point leaps. When the tool moves by dp at the approach
@@ -62,9 +63,10 @@ JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6
 TURNED = -0.3
 """[1] Cosine between normals below which a foot is on the other side; a little below 0, for rims at right angles."""
 OTHER_FACE = 0.8
-"""[1] Cosine between normals below which the nearest point is on another face than the foot, which stays until that is
-nearer by the hysteresis. With the gap of that face and the foot of this one, the gap of a tool in a block changed by
-all of its motion along the top, and not at all 0.1 mm later: viscous tissue lost and regained 40 % of the force."""
+"""[1] Cosine between the normal of the foot and the direction to the nearest point (the normal there, on a NURBS
+surface) below which that is on another face than the foot, which stays until that is nearer by the hysteresis. With the
+gap of that face and the foot of this one, the gap of a tool in a block changed by all of its motion along the top, and
+not at all 0.1 mm later: viscous tissue lost and regained 40 % of the force."""
 OUTSIDE = -0.5  # [1] The same for the direction from the nearest point to a tool that is outside
 AHEAD = 6.0  # [1] Limit of the foot's motion over the tool's, reached in a ball at a depth of 83 % of its radius
 EASY, FASTEST = 2.0, 0.1
@@ -89,8 +91,8 @@ OUT, IN, LEAVES = range(3)
 MEMORY = {
     "started": bool, "side": int, "gap": (), "tool": (3,), "foot": (3,), "normal": (3,), "place": (2,),
     "triangle": int, "shown": int, "border": bool, "thickness": (),
-    "behind": (), "passed": bool, "off": (), "pace": (), "step": (3,), "turned": (3,), "coast": (3,), "drift": (),
-    "rising": (),
+    "behind": (), "passed": bool, "kept": bool, "off": (), "pace": (), "step": (3,), "turned": (3,), "coast": (3,),
+    "drift": (), "rising": (),
 }  # fmt: skip
 """
 started    whether a last step exists
@@ -101,6 +103,7 @@ triangle   of the target on a mesh;  shown: that of the smooth foot
 border     whether the surface has a border;  thickness: of the tissue before the tool [m]
 behind     distance of the foot from its target [m]
 passed     whether the nearest point is on another side
+kept       whether the gap of the target is that of the foot: the nearest point is on another face
 off        gap of the target minus gap [m]
 pace       share of its greatest speed that a foot has reached since its target leapt, or -1: it trails for another
            reason
@@ -179,10 +182,30 @@ def _regular(foot: Record, moved: float, p: Vector3, memory: Record):
 
 @kernel
 def _keep_side(p: Vector3, nearest: Vector3, foot: Record):
-    """The gap is that of the foot if the nearest point, with the normal `nearest` [1] (3), is on another face."""
+    """The gap is that of the foot if the nearest point, in the direction `nearest` [1] (3), is on another face.
+    Returned: whether it is."""
     n, q = foot.normal, foot.point
-    if n[0] * nearest[0] + n[1] * nearest[1] + n[2] * nearest[2] < OTHER_FACE:
+    other = n[0] * nearest[0] + n[1] * nearest[1] + n[2] * nearest[2] < OTHER_FACE
+    if other:
         foot.distance = -np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+    return other
+
+
+@kernel
+def _direction(points: Record, cells: Record, t: int, p: Vector3):
+    """Direction [1] (3) from a tool inside to the nearest point of a triangle: its normal above a face. On an edge of a
+    notch, where each of two faces is as near, that of neither."""
+    square, v, w, _ = _on_triangle(points, cells, t, p[0], p[1], p[2])
+    if not square > ROUNDING * ROUNDING:
+        return face_normal(points, cells, t)
+    i, j, k = vector(cells[t].corners)
+    a, b, c = points[i].position, points[j].position, points[k].position
+    u, size = 1.0 - v - w, np.sqrt(square)
+    return (
+        (u * a[0] + v * b[0] + w * c[0] - p[0]) / size,
+        (u * a[1] + v * b[1] + w * c[1] - p[1]) / size,
+        (u * a[2] + v * b[2] + w * c[2] - p[2]) / size,
+    )
 
 
 @kernel
@@ -195,15 +218,23 @@ def _held_gap(p: Vector3, memory: Record):
 
 
 @kernel
-def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, memory: Record):
+def _moved_gap(target: float, moved: float, memory: Record):
+    """The last gap [m], changed by the motion of the target."""
+    if memory.off == 0.0:
+        return target
+    return memory.gap + min(max(target - (memory.gap + memory.off), -moved), moved)
+
+
+@kernel
+def _approach(p: Vector3, moved: float, held: float, other: bool, dt: float, foot: Record, memory: Record):
     """Move the last foot towards the target `foot`, as far as the motion of the tool allows, into `foot`.
 
     moved [m] of the tool;  held [m] the gap if the foot does not move;  dt [s]
+    other  whether the gap of the target is that of another face than in the last step
     """
-    deep, behind, off, target, least = memory.thickness - memory.gap, memory.behind, memory.off, foot.distance, -np.inf
-    start, memory.behind, pace, memory.pace, trails, catches = target, 0.0, memory.pace, 0.0, False, 1.0
-    if off != 0.0:  # the motion of the target
-        start = memory.gap + min(max(target - (memory.gap + off), -moved), moved)
+    deep, behind, target, least = memory.thickness - memory.gap, memory.behind, foot.distance, -np.inf
+    start = held + memory.drift if other and deep > 0.0 else _moved_gap(target, moved, memory)
+    memory.behind, pace, memory.pace, trails, catches = 0.0, memory.pace, 0.0, False, 1.0
     if deep > 0.0:
         turn = move = along = 0.0
         for k in range(3):
@@ -253,10 +284,10 @@ def _approach(p: Vector3, moved: float, held: float, dt: float, foot: Record, me
 
 
 @kernel
-def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: Record, memory: Record):
+def _end(p: Vector3, moved: float, inside: bool, exists: bool, kept: bool, dt: float, foot: Record, memory: Record):
     """Move the foot to its target, if it exists, and store the step.
 
-    inside  whether the tool was inside in the last step
+    inside  whether the tool was inside in the last step;  kept: whether the gap is that of the foot (`memory.kept`)
     exists  whether `foot` is the target; else no target exists. Returned: whether the foot moves to one
     """
     if moved < np.inf:
@@ -271,7 +302,7 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
             memory.drift += memory.rising * (rises - held + memory.gap)
         if exists and not leaves:
             memory.rising = 0.0
-            _approach(p, moved, held, dt, foot, memory)
+            _approach(p, moved, held, kept != memory.kept, dt, foot, memory)
         else:
             drift, memory.off = memory.drift, 0.0
             if leaves:
@@ -283,7 +314,7 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, dt: float, foot: 
     else:
         memory.off = memory.rising = 0.0
         rest(memory)
-    memory.started, memory.gap = True, foot.distance
+    memory.started, memory.gap, memory.kept = True, foot.distance, kept
     for k in range(3):
         memory.tool[k], memory.foot[k], memory.normal[k] = p[k], foot.point[k], foot.normal[k]
     return exists
@@ -324,8 +355,9 @@ def follow(
         for k in range(3):
             along += (p[k] - foot.point[k]) * foot.normal[k]
         _at_border(p, along, foot)
+    kept = False
     if inside and foot.distance <= 0.0:
-        _keep_side(p, vector(tracked.normal), foot)
+        kept = _keep_side(p, vector(tracked.normal), foot)
     # 2. if its normal is reversed: the local minimum next to the last target, or none
     exists = _regular(foot, moved, p, memory)
     memory.passed = not exists
@@ -346,7 +378,7 @@ def follow(
             foot.place[0], foot.place[1] = memory.place[0], memory.place[1]
         tracked.place[0], tracked.place[1] = foot.place[0], foot.place[1]
     # 3. move the foot to the target at limited speed
-    if not _end(p, moved, inside, exists, dt, foot, memory):
+    if not _end(p, moved, inside, exists, kept, dt, foot, memory):
         foot.place[0], foot.place[1] = memory.place[0], memory.place[1]
     memory.place[0], memory.place[1] = foot.place[0], foot.place[1]
 
@@ -381,8 +413,9 @@ def follow_mesh(
         shown, foot.place[0], foot.place[1] = smooth_foot(
             points, cells, tracked.triangle, foot.place[0], foot.place[1], p, foot
         )
+    kept = False
     if inside and foot.distance <= 0.0 and tracked.nearest != tracked.triangle:
-        _keep_side(p, face_normal(points, cells, tracked.nearest), foot)
+        kept = _keep_side(p, _direction(points, cells, tracked.nearest, p), foot)
     # 2. if its normal is reversed: the local minimum next to the last target, or none
     exists = _regular(foot, moved, p, memory)
     memory.passed = not exists
@@ -400,7 +433,7 @@ def follow_mesh(
         elif not exists:
             tracked.triangle = memory.triangle
     # 3. move the foot to the target at limited speed
-    if not _end(p, moved, inside, exists, dt, foot, memory):
+    if not _end(p, moved, inside, exists, kept, dt, foot, memory):
         tracked.triangle, shown = memory.triangle, memory.shown
         foot.place[0], foot.place[1] = memory.place[0], memory.place[1]
     foot.triangle = cells[shown].origin
