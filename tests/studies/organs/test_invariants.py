@@ -214,6 +214,19 @@ def test_energy_from_nothing_is_found(presses):
     assert "energy" in broken(changed(presses, **{"controller.force": gained}))[2]
 
 
+@pytest.mark.parametrize(("returns", "found"), [(0.1, False), (2.0, True)])
+def test_energy_that_another_finger_has_lost_may_return_to_the_hand(presses, returns, found):
+    """Of two fingers that share an organ one gains as much as the other loses, or both gain."""
+    leaves = np.diff(presses["finger.position"][..., 2], axis=1, append=0.0) > 0.0
+    gains, other = (
+        trace_batch([changed(presses, **{"controller.force": force * presses["controller.force"]})])[0][2]
+        for force in (np.where(leaves[..., None], share, 1.0) for share in (2.0, returns))
+    )
+    assert INVARIANTS["energy"](gains).score > 1.0
+    gains.other, other.other = other, gains
+    assert {INVARIANTS["energy"](each).score > 1.0 for each in (gains, other)} == {found}
+
+
 def test_the_wrong_side_is_found(presses):
     """A contact 3 mm above the surface, and one whose normal points sideways."""
     deeper = np.where(presses["collision.approach"] > 0.0, presses["collision.approach"] + 3e-3, 0.0)

@@ -40,7 +40,8 @@ rubbing  friction <= (max(mu_s, a mu_s + sigma_1 v) + sigma_2 v + 0.05) f + 0.02
 still    the normal turns within 20 ms by at most w/R + 0.02, w the sum of the extents of the finger's motion in eight
          parts of 2.5 ms: a finger that turns round and goes back has moved. On a rigid body the fingertip, 10 kN/m at
          6 N, and the hand, 0.15 kg, turn round in a quarter of 24 ms.
-energy   work of the force on the hand over a closed path <= 0.5 mJ + 2 % of the work that went to and fro.
+energy   work of the force on the hand over a closed path <= 0.5 mJ + 2 % of the work that went to and fro. One finger
+         lifts another through the organ: the work on both hands together.
 side     direction and depth are those of the nearest point (`side`).
 finite   no lane stops, and every value is finite.
 """
@@ -228,13 +229,18 @@ def still(trace: Trace) -> Score:
 
 
 def energy_gain(trace: Trace) -> Score:
-    p, f = trace["finger.position"], trace["controller.force"]
-    if trace["contact.force"][-1] > 0.0 or not trace["contact.force"].max() > 0.0:
+    fingers = [trace] if trace.other is None else [trace, trace.other]
+    if not trace["contact.force"].max() > 0.0 or any(each["contact.force"][-1] > 0.0 for each in fingers):
         return Score(0.0, 0.0, 0.0, 0.0)
-    work = np.einsum("ij,ij->i", f[:-1], np.diff(p, axis=0))
+    work = np.concatenate([_work(each) for each in fingers])
     gain, turned = float(work.sum()), float(np.abs(work).sum())
     bound = CREDIT + SHARE * turned
-    return Score(max(gain, 0.0) / bound, len(p) * trace.step, gain, bound)
+    return Score(max(gain, 0.0) / bound, len(trace["contact.force"]) * trace.step, gain, bound)
+
+
+def _work(trace: Trace) -> np.ndarray:
+    """Work [J] of the force on the hand in each step."""
+    return np.einsum("ij,ij->i", trace["controller.force"][:-1], np.diff(trace["finger.position"], axis=0))
 
 
 def felt(trace: Trace) -> Score:
