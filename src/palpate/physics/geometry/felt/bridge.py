@@ -23,6 +23,7 @@ from palpate.physics.geometry.felt.band import BLOCK, Grid, sample
 from palpate.physics.geometry.felt.centres import centre_surface, divide_creases, march, onto_centres, rounded
 from palpate.physics.geometry.felt.even import even_normals
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
+from palpate.physics.geometry.felt.limits import check_grid, check_triangles
 from palpate.physics.geometry.felt.rims import divide_near, find_rims, resting, round_rims, unfolded
 from palpate.physics.geometry.felt.ripples import are_deep, without_ripples
 from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
@@ -72,8 +73,9 @@ def close_surface(
     given   the mesh of a file before it was refined: ripples of its tessellation count as touchable (`ripples`); None:
             every triangle counts
 
-    MeshError: the body has no inside, or the boolean fails.
+    MeshError: the body has no inside, the boolean fails, or the ball is too small (`limits`).
     """
+    check_triangles(mesh, radius)
     fine, part = divide_long_edges(mesh, SHORT * radius)
     body = MeshClosestPoint(mesh)
     hidden = untouchable(fine, body, radius)
@@ -126,6 +128,7 @@ def _plug(
     reach = radius + 4.0 * step  # of the plug; the centres of balls that touch it are within r of it
     margin = reach + radius + hollow.size + 2.0 * BLOCK * step
     grid = Grid.round_box(hollow.low - margin + offset, hollow.high + margin + step, step)
+    check_grid(grid.shape, 2.0 * (margin - hollow.size) / step, radius)
     distances = sample(grid, lambda at: body.find_sorted(at)[3], radius, hollow.within, margin)
     touched = touched[hollow.within(touched.mean(axis=1), margin - radius)]
     centres = centre_surface(body, distances, grid, radius, touched)
