@@ -93,6 +93,8 @@ class MassSpring(MeshBody):
 
     effect = "deformation"
     rank = 1
+    touching = {"exponent": 1.0, "damping": 0.0}
+    """Settings for a contact with another organ, which is linear; the loader checks them."""
 
     stiffness: Annotated[float, "N/m^n", msgspec.Meta(gt=0)] = 3.0e3
     exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=3)] = 1.5
@@ -205,7 +207,7 @@ class MassSpring(MeshBody):
     ) -> BetweenBody:
         """The body for its contact with another, see `physics.bodies.between_bodies`: the nodal law for a patch of
         (1 - r²/R²)², in which the greatest pressure 3 f/(pi R²) indents by f/K. SettingError: the law is not linear."""
-        if self.exponent != 1.0 or self.damping != 0.0:
+        if any(getattr(self, setting) != value for setting, value in self.touching.items()):
             raise SettingError(
                 f"exponent {self.exponent:g}, damping {self.damping:g} s/m: the contact with another organ is linear, "
                 "expected exponent 1 and damping 0 (`retardation` is its viscosity)"

@@ -291,3 +291,29 @@ def test_organs_that_overlap_at_the_start_are_refused_with_their_depth(tmp_path)
         palpate.run(
             "neighbours", record=None, duration=0.01, sets=(*QUICK, "scene.liver-surface.position=[0, 0, 0.12]")
         )
+
+
+SPRINGS = ["kidney.use=deformation.MassSpring", "kidney.exponent=1", "kidney.damping=0"]
+
+
+@pytest.mark.parametrize(("setting", "value"), [("exponent", 1.5), ("damping", 5)])
+def test_a_law_that_is_not_linear_is_refused_when_the_graph_is_loaded(setting, value):
+    """And the remedy that the fault names is accepted."""
+    load("neighbours", overrides=SPRINGS)
+    with pytest.raises(GraphError) as found:
+        load("neighbours", overrides=[*SPRINGS, f"kidney.{setting}={value}"])
+    (fault,) = found.value.faults
+    assert (fault.node, fault.setting) == ("kidney", setting)
+    right = {"exponent": 1, "damping": 0}[setting]
+    assert f"found {value} " in fault.text and f"`--set kidney.{setting}={right}`" in fault.cure
+
+
+def test_an_organ_out_of_reach_may_have_any_law(tmp_path):
+    scene = tmp_path / "far.yaml"
+    scene.write_text(
+        "extends: stack\norgans:\n"
+        "  - {name: upper, surface: sphere, vertices: 2000, position: [0, 0, 0.1237], tissue: {young: 20 kPa}}\n"
+        "  - {name: lower, surface: sphere, vertices: 2000, position: [0, 0, 0], tissue: {young: 20 kPa}}\n"
+    )
+    loaded = load("stack", scene=str(scene), overrides=["lower.use=deformation.MassSpring"])
+    assert loaded.nodes["lower"].settings["exponent"] == 1.5

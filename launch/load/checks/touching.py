@@ -121,9 +121,21 @@ def _side(
             "deformation.ReducedFE, BeamBundle, MassSpring or Rigid.", nodes[side].place, node=side,
         )  # fmt: skip
         return None
+    _check_settings(bodies[0], body, faults)
     given = nodes[side].settings
     surface = {key: given[key] for key in MESH}
     return {"use": body.cls.__name__, "settings": dict(body.settings), "surface": surface}
+
+
+def _check_settings(name: str, body: NodeSpec, faults: Faults) -> None:
+    """A fault for each setting of a body that its contact with another one does not allow."""
+    for setting, expected in getattr(body.cls, "touching", {}).items():
+        if (found := body.settings[setting]) != expected:
+            fault = (
+                f"found {found:g} in a body that touches another one; their contact is linear, expected {expected:g}",
+                f"`--set {name}.{setting}={expected:g}`, or in its tissue.", body.place,
+            )  # fmt: skip
+            faults.add(*fault, node=name, setting=setting)
 
 
 def _check_loads(
