@@ -159,13 +159,16 @@ def _repeat_for_organs(
 ) -> tuple[list[str], dict[str, str]]:
     """Apply the overrides, those of the scene first: on it depends which lines are repeated for which organs, and which
     organs move. Notes, and why nodes of pairs out of reach do not run."""
+    before = len(faults.entries)
     organs, notes, parts = take_organs(scene, faults)
+    several, unread = has_marks(source), len(faults.entries) > before
     of_scene = [change for change in changes if change.keys[0] == "scene" and len(change.keys) > 1]
     apply(of_scene, source, scene, faults)
     notes = (*notes, *add_parts(parts, scene, faults))
-    several = has_marks(source)
     pairs, apart = pairs_in_reach(organs or [], scene, faults) if several else ([], {})
     off = repeat_lines(source, organs, pairs, apart, faults)
+    if several and (unread or organs is None):
+        faults.done()  # without all lines of the graph, others would lack senders and fields
     add_folds(source, scene, faults)
     notes = (*notes, *add_motions(source, scene, faults))
     apply([change for change in changes if change not in of_scene], source, scene, faults)

@@ -113,3 +113,14 @@ def test_a_graph_and_a_scene_that_do_not_fit_together_are_reported():
     assert any("list `organs` reaches no node" in note for note in load("kidney", scene="stack").notes)
     with pytest.raises(GraphError, match="has lines for each organ, but the scene has no list `organs`"):
         load("stack", scene="kidney")
+
+
+@pytest.mark.parametrize(
+    "organs", ["[liver.obj, {surface: kidney}]", "[{surface: kidney, tissue: livr-human}]", "[{}]"]
+)
+def test_an_organ_that_cannot_be_read_causes_no_faults_of_lines_for_it(tmp_path, organs):
+    scene = tmp_path / "mine.yaml"
+    scene.write_text(f"extends: stack\norgans: {organs}\n")
+    with pytest.raises(GraphError) as found:
+        load("stack", scene=str(scene))
+    assert [fault.place.file for fault in found.value.faults] == [str(scene)]
