@@ -28,7 +28,7 @@ from palpate.nodes.contact.organs.body_side import (
 from palpate.nodes.contact.organs.given_bodies import GivenBody, given_bodies
 from palpate.nodes.contact.organs.organ_answer import answer, balance_late, send_loads, send_ride
 from palpate.nodes.contact.organs.organ_notes import growing_notes, start_notes
-from palpate.nodes.contact.organs.room_to_follow import make_follow
+from palpate.nodes.contact.organs.room_to_follow import keep_columns, make_follow
 from palpate.nodes.contact.organs.withheld import joins_run, leaps, withhold
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, tangents_of
 from palpate.physics.contact.organs import between as contact
@@ -203,6 +203,7 @@ class Between(CompiledNode):
         """Room for the fingers on each body, and, with organs that move, for candidates that follow."""
         if sum(counts[2:]) > 0:
             self.make_follow()
+        keep_columns(self.own, self._held, "", counts[:2])
         one, two = max(counts[0] - self.first_organs, 0), max(counts[1] - self.second_organs, 0)
         size = len(self._held["rest"])
         self.hold("opened", np.zeros((2, one + 1, size)))

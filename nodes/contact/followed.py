@@ -15,7 +15,7 @@ from palpate.nodes.contact.placed import (
 from palpate.nodes.contact.reassigned import reassign, settle
 from palpate.physics.bodies.floating.turning import times
 from palpate.physics.contact.organs.between import take
-from palpate.physics.contact.organs.between_rows import vector3
+from palpate.physics.contact.organs.condensed_fields import vector3
 from palpate.physics.contact.organs.following import (
     CLOSE,
     COARSER,

@@ -7,8 +7,9 @@ from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.physics.bodies.floating.turning import times
 from palpate.physics.bodies.true_patch import sideways
 from palpate.physics.contact.organs import rigid_motion as rigid
-from palpate.physics.contact.organs.between_rows import Law, clear_row, renew_row, vector3
+from palpate.physics.contact.organs.between_rows import Law, clear_row, renew_row
 from palpate.physics.contact.organs.candidates import FACING
+from palpate.physics.contact.organs.condensed_fields import vector3
 from palpate.physics.contact.organs.following import MOVED, SEARCHED, TURNED, Track
 from palpate.physics.geometry.mesh_closest import descend_mesh, track_mesh
 

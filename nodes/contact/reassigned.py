@@ -11,7 +11,8 @@ from palpate.nodes.contact.placed import (
     renew_compliance,
     search_cell,
 )
-from palpate.physics.contact.organs.between_rows import measure_row, vector3
+from palpate.physics.contact.organs.between_rows import measure_row
+from palpate.physics.contact.organs.condensed_fields import vector3
 from palpate.physics.contact.organs.following import BETTER, CLOSE, NEARER, SCANNED
 
 PARKED = 1.0  # [m] added to the gap of a candidate in the step in which it moves, so that it does not touch

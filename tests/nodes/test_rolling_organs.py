@@ -55,14 +55,14 @@ def test_compliances_after_a_roll_are_those_of_candidates_in_these_cells(kind):
     """All computed again from the shares of the same cells, of which each was computed in some step of the roll."""
     path, *_ = roll(10e-3, 0.3)
     made = contact(kind, FAR * UP, np.zeros((2, 3)), friction=0.3)
-    course(made, [*path, *[path[-1]] * 300])
+    course(made, [*path, *[path[-1]] * 300], loads=[None])
     held = made._held
     names = ["pair.first", "pair.second", "one.response", "two.response", "one.aside", "two.aside", "rub.first",
              "rub.second"]  # fmt: skip
     kept = {name: held[name].copy() for name in names}
     for cell in range(len(held["pair.gap"])):
         made.own["still"][:], held["track.late"][:], held["track.late"][cell] = 1.0, 0.0, 1e3
-        course(made, [path[-1]])
+        course(made, [path[-1]], loads=[None])
     for name, right in kept.items():
         np.testing.assert_allclose(held[name], right, atol=0.02 * np.abs(right).max(), err_msg=name)
 

@@ -10,6 +10,7 @@ from pytest import approx
 from palpate.messages.tissue import Support
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.contact.between import Between
+from palpate.physics.contact.organs.between import BLOCK
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
 GAP, CLOSING, RADIUS, VERTICES = 1e-3, 2.5e-3, 21e-3, 2000
@@ -42,13 +43,12 @@ def height(x):
     return z
 
 
-def course(made, path, exchanged=False, **rides):
-    """The messages for these displacements [m] (n,3) of the ball at 1 kHz; rides: further fields of its foundation."""
+def course(made, path, exchanged=False, loads=(), **rides):
+    """The messages for these displacements [m] (n,3) of the ball at 1 kHz; loads: on each body; rides: further fields
+    of its foundation."""
     side, still = "second_support" if exchanged else "first_support", (0.0, 0.0, 0.0)
-    return [
-        made.step([], [], **{side: [Support(displacement=tuple(map(float, at)), velocity=still, **rides)]}, dt=1e-3)
-        for at in path
-    ]
+    moved = [Support(displacement=tuple(map(float, at)), velocity=still, **rides) for at in path]
+    return [made.step([*loads], [*loads], **{side: [each]}, dt=1e-3) for each in moved]
 
 
 def pressed(kind, x):
@@ -172,8 +172,8 @@ def test_a_contact_that_leaves_its_candidates_is_reported():
 @pytest.mark.parametrize("exchanged", [False, True])
 def test_compliances_that_are_computed_again_at_the_same_place_are_those_of_the_start(kind, exchanged):
     made = contact(kind, (BEGIN, 0.0, height(BEGIN)), exchanged, friction=0.3)
-    still = [(0.0, 0.0, 0.0)]
-    course(made, still * 2, exchanged)
+    still, no_load = [(0.0, 0.0, 0.0)], [None]
+    course(made, still * 2, exchanged, no_load)
     held = made._held
     names = ["pair.first", "pair.second", "one.response", "two.response", "one.aside", "two.aside", "rub.first",
              "rub.second"]  # fmt: skip
@@ -181,16 +181,34 @@ def test_compliances_that_are_computed_again_at_the_same_place_are_those_of_the_
     held["track.base"][:] += 1e-2  # as if they had slid
     for _ in range(40):
         made.own["still"][:] = 1.0
-        course(made, still, exchanged)
+        course(made, still, exchanged, no_load)
     for cell in range(len(held["pair.gap"])):
         made.own["still"][:], held["track.late"][:], held["track.late"][cell] = 1.0, 0.0, 1e3
         for name in ("pair.first", "pair.second"):
             held[name][cell, cell] = 1.0
             if kind == "ReducedFE":
                 held[name][cell] = held[name][:, cell] = 1.0
-        course(made, still, exchanged)
+        if kind == "ReducedFE":
+            for name in ("one.response", "two.response"):
+                held[name][cell // BLOCK, :, cell % BLOCK] = 1.0
+        course(made, still, exchanged, no_load)
     for name, right in kept.items():
         np.testing.assert_allclose(held[name], right, rtol=1e-9, atol=1e-12 * np.abs(right).max(), err_msg=name)
+
+
+def test_the_response_to_loads_is_computed_where_a_body_may_bear_them_and_at_once_when_it_gets_the_first():
+    path, names = slide(3e-3), ["one.response", "two.response", "one.aside", "two.aside"]
+    kept, gained = (contact("ReducedFE", (BEGIN, 0.0, height(BEGIN)), friction=0.3) for _ in range(2))
+    start = {name: gained._held[name].copy() for name in names}
+    end = [course(kept, path, loads=[None])[-1], course(gained, path)[-1]]
+    assert end[0].force == end[1].force and end[0].area == end[1].area
+    for name in names:
+        assert np.abs(kept._held[name] - start[name]).max() > 0.01 * np.abs(start[name]).max()
+        np.testing.assert_array_equal(gained._held[name], start[name])
+    course(gained, path[-1:], loads=[None])
+    for name in names:
+        right = kept._held[name]
+        np.testing.assert_allclose(gained._held[name], right, rtol=1e-9, atol=1e-9 * np.abs(right).max(), err_msg=name)
 
 
 def test_exchanged_bodies_that_slide_have_the_same_bits():

@@ -28,13 +28,13 @@ def contact(kind, place, turns, vertices=(2600, 2000), exchanged=False, **settin
     return made
 
 
-def course(made, path, exchanged=False, rate=1000):
-    """The messages for these displacements [m] and rotations [rad] (n,2,3) of the upper ball."""
+def course(made, path, exchanged=False, rate=1000, loads=()):
+    """The messages for these displacements [m] and rotations [rad] (n,2,3) of the upper ball; loads: on each body."""
     side, found = "second_support" if exchanged else "first_support", []
     for at, turn in path:
         moved = Support(displacement=tuple(map(float, at)), velocity=(0.0, 0.0, 0.0), rotation=np.array(turn),
                         spin=np.zeros(3), centre=FAR * UP)  # fmt: skip
-        found.append(made.step([], [], **{side: [moved]}, dt=1.0 / rate))
+        found.append(made.step([*loads], [*loads], **{side: [moved]}, dt=1.0 / rate))
     return found
 
 

@@ -18,6 +18,15 @@ from palpate.compiler.dot import dot
 from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix, Record, Tensor, Vector3
 from palpate.physics.contact.organs.between import BLOCK
+from palpate.physics.contact.organs.condensed_fields import (
+    field_of,
+    fields_along,
+    gather_hats,
+    put_column,
+    see_fields,
+    seen_by,
+    vector3,
+)
 
 CONDENSED, SPRINGS, PLATE = 1, 2, 3
 Pair3 = tuple[Vector3, Vector3]
@@ -28,6 +37,7 @@ class Law(NamedTuple):
     """Constants of a body, and workspace that is zero between calls where nothing else is said.
 
     kind        `CONDENSED`, `SPRINGS` or `PLATE`; 0: rows cannot be computed again
+    loaded      of a condensed organ: whether it may bear other loads, so that `side.response` and `side.aside` are used
     scale [1/Pa] 1/E;  local [1/Pa] (1 - nu²)/(pi E);  aside [1] (1 - nu/2)/(1 - nu)
     compliance (3V,3V), table (V,V)  C [m/N] for a modulus of 1 Pa, and T [1/m]
     softness q [m/Pa] (W), areas [m²] (W)  of springs at vertices of the surface
@@ -37,6 +47,7 @@ class Law(NamedTuple):
     """
 
     kind: int
+    loaded: int
     scale: float
     local: float
     aside: float
@@ -54,7 +65,7 @@ def condensed_law(compliance: np.ndarray, table: np.ndarray, young: float, local
     """Of a condensed organ; arguments as in `Law`, E [Pa], (1 - nu²)/pi."""
     size = len(compliance) // 3
     return Law(
-        CONDENSED, 1.0 / young, local / young, aside, compliance, table, NO_NUMBERS, NO_NUMBERS,
+        CONDENSED, 1, 1.0 / young, local / young, aside, compliance, table, NO_NUMBERS, NO_NUMBERS,
         np.zeros((3, 3 * size)), np.zeros(size), np.zeros(size), np.zeros((3, 3)),
     )  # fmt: skip
 
@@ -71,92 +82,7 @@ def plate_law() -> Law:
 
 def _local_law(kind: int) -> Law:
     nothing = NO_NUMBERS, np.zeros((3, 0)), NO_NUMBERS, NO_NUMBERS, np.zeros((3, 3))
-    return Law(kind, 0.0, 0.0, 0.0, NO_TABLE, NO_TABLE, nothing[0], *nothing)
-
-
-@kernel
-def gather_hats(law: Law, side: Record, i: int):
-    """Fill row i of `side.coarse`, `side.hats` and `side.few` with the coarse vertices where Q_i is not zero, and Q_i
-    there."""
-    count, coarse, hats = 0, side.coarse, side.hats
-    for at in range(side.begins[i], side.ends[i]):
-        v, share = side.vertices[at], side.shares[at]
-        for a in range(3):
-            weight, c = share * side.weights[v, a], side.corners[v, a]
-            if weight == 0.0:
-                continue
-            if law.hats[c] == 0.0:
-                coarse[i, count] = c
-                count += 1
-            law.hats[c] += weight
-    for k in range(count):
-        hats[i, k] = law.hats[coarse[i, k]]
-        law.hats[coarse[i, k]] = 0.0
-    side.few[i] = count
-
-
-@kernel
-def gather_all_hats(law: Law, side: Record):
-    """The same for all candidates."""
-    for i in range(len(side.few)):
-        gather_hats(law, side, i)
-
-
-@kernel
-def _field(law: Law, side: Record, i: int, e: Vector3, out: Array):
-    """Fill `out` [m/N] (3V) with C Q_i' e for a modulus of 1 Pa."""
-    out[:] = 0.0
-    for k in range(side.few[i]):
-        v, hat = 3 * side.coarse[i, k], side.hats[i, k]
-        x, y, z = hat * e[0], hat * e[1], hat * e[2]
-        one, two, three = law.compliance[v], law.compliance[v + 1], law.compliance[v + 2]
-        for j in range(len(out)):
-            out[j] = ((out[j] + x * one[j]) + y * two[j]) + z * three[j]
-
-
-@kernel
-def _fields_along(law: Law, side: Record, i: int, t: Vector3, s: Vector3, out: Array, other: Array):
-    """The same for two directions, with one pass over C."""
-    out[:], other[:] = 0.0, 0.0
-    for k in range(side.few[i]):
-        v, hat = 3 * side.coarse[i, k], side.hats[i, k]
-        x, y, z, a, b, c = hat * t[0], hat * t[1], hat * t[2], hat * s[0], hat * s[1], hat * s[2]
-        one, two, three = law.compliance[v], law.compliance[v + 1], law.compliance[v + 2]
-        for j in range(len(out)):
-            out[j] = ((out[j] + x * one[j]) + y * two[j]) + z * three[j]
-            other[j] = ((other[j] + a * one[j]) + b * two[j]) + c * three[j]
-
-
-@kernel
-def _seen(side: Record, j: int, field: Array, e: Vector3):
-    """e.Q_j times a field (3V)."""
-    x = y = z = 0.0
-    for k in range(side.few[j]):
-        hat, c = side.hats[j, k], 3 * side.coarse[j, k]
-        x, y, z = x + hat * field[c], y + hat * field[c + 1], z + hat * field[c + 2]
-    return x * e[0] + y * e[1] + z * e[2]
-
-
-@kernel
-def _apart(side: Record, j: int, near: Array):
-    """Q_j times Q_i T [1/m]."""
-    value = 0.0
-    for k in range(side.few[j]):
-        value += side.hats[j, k] * near[side.coarse[j, k]]
-    return value
-
-
-@kernel
-def _see_fields(law: Law, side: Record, j: int):
-    """Fill `seen` with Q_j times each of the fields."""
-    one, two, three, seen = law.fields[0], law.fields[1], law.fields[2], law.seen
-    seen[:] = 0.0
-    for k in range(side.few[j]):
-        hat, c = side.hats[j, k], 3 * side.coarse[j, k]
-        for x in range(3):
-            seen[0, x] += hat * one[c + x]
-            seen[1, x] += hat * two[c + x]
-            seen[2, x] += hat * three[c + x]
+    return Law(kind, 1, 0.0, 0.0, 0.0, NO_TABLE, NO_TABLE, nothing[0], *nothing)
 
 
 @ieee_kernel
@@ -243,9 +169,9 @@ def _renew_condensed(
     here = (vector3(along, i), vector3(across, i)) if rubs else (n, n)
     gather_hats(law, side, i)
     # displacement of the body by unit forces on the candidate
-    _field(law, side, i, n, law.fields[0])
+    field_of(law, side, i, n, law.fields[0])
     if rubs:
-        _fields_along(law, side, i, here[0], here[1], law.fields[1], law.fields[2])
+        fields_along(law, side, i, here[0], here[1], law.fields[1], law.fields[2])
     local = law.local > 0.0 and len(law.table) > 0
     if local:
         law.near[:] = 0.0
@@ -254,34 +180,42 @@ def _renew_condensed(
             for v in range(size):
                 law.near[v] += hat * row[v]
     # of all candidates
+    field, near = law.fields[0], law.near
     for j in range(count):
         m, more = vector3(normal, j), 0.0
-        if local and n[0] * m[0] + n[1] * m[1] + n[2] * m[2] > 0.0:
-            more = law.local * (inverse[i, j] - _apart(side, j, law.near))
         facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0)
-        matrix[i, j] = matrix[j, i] = law.scale * _seen(side, j, law.fields[0], m) + facing * more
+        moved, apart = seen_by(side, j, field, near, m)
+        if local and facing > 0.0:
+            more = law.local * (inverse[i, j] - apart)
+        matrix[i, j] = matrix[j, i] = law.scale * moved + facing * more
         if rubs:
-            _see_fields(law, side, j)
+            see_fields(law, side, j)
             _renew_drags(law, m, i, j, sign, here, (vector3(along, j), vector3(across, j)), more, drags)
+    if law.loaded == 0:
+        return
     # by forces at the terminals
-    _put_column(side.response, i, sign * law.scale, law.fields[0])
+    put_column(side.response, i, sign * law.scale, law.fields[0])
     for a in range(2 if rubs else 0):
-        _put_column(side.aside, a * count + i, law.scale, law.fields[a + 1])
+        put_column(side.aside, a * count + i, law.scale, law.fields[a + 1])
 
 
-@kernel
-def _put_column(blocks: Tensor, i: int, scale: float, field: Array):
-    """Write `scale` times a field (n) to column i of a table in blocks (b,n,4)."""
-    block, lane = blocks[i // BLOCK], i % BLOCK
-    for k in range(len(field)):
-        block[k, lane] = scale * field[k]
+@ieee_kernel
+def fill_columns(law: Law, side: Record, sign: float, tangents: Tensor):
+    """`side.response` and `side.aside` of all candidates of a condensed organ, as of `renew_row`."""
+    for i in range(len(side.few)):
+        for a in range(1 + (2 if tangents.shape[1] > 0 else 0)):
+            field_of(law, side, i, vector3(side.normal if a == 0 else tangents[a - 1], i), law.fields[0])
+            if a == 0:
+                put_column(side.response, i, sign * law.scale, law.fields[0])
+            else:
+                put_column(side.aside, (a - 1) * len(side.few) + i, law.scale, law.fields[0])
 
 
 @kernel
 def _renew_drags(
     law: Law, m: Vector3, i: int, j: int, sign: float, here: Pair3, there: Pair3, more: float, drags: Matrix
 ):
-    """Displacement along the tangents at j by forces at i, and at i by forces at j, after `_see_fields`; m [1] (3) is
+    """Displacement along the tangents at j by forces at i, and at i by forces at j, after `see_fields`; m [1] (3) is
     n_j, here and there [1] (2,3) are the tangents at i and j."""
     count, pressed = drags.shape[1] // 2, vector3(law.seen, 0)
     pulled = vector3(law.seen, 1), vector3(law.seen, 2)
@@ -292,9 +226,3 @@ def _renew_drags(
         for b in range(2):
             value = law.scale * dot(pulled[b], t) + law.aside * dot(here[b], t) * more
             drags[(b + 1) * count + i, a * count + j] = drags[(a + 1) * count + j, b * count + i] = value
-
-
-@kernel
-def vector3(rows: Matrix, i: int):
-    """Row i of an array (n,3)."""
-    return rows[i, 0], rows[i, 1], rows[i, 2]

@@ -7,7 +7,7 @@ from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Matrix, Record
 from palpate.physics.bodies.floating.turning import cross, times, times_back
 from palpate.physics.contact.organs.between import Pair, take
-from palpate.physics.contact.organs.between_rows import vector3
+from palpate.physics.contact.organs.condensed_fields import vector3
 from palpate.physics.contact.organs.rubbing_axes import add_turned
 
 
