@@ -25,7 +25,7 @@ from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies import sampled_body as sampled
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, condensed_between
-from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_basis import Basis, OrderedBasis
 from palpate.physics.bodies.condensed_body import CondensedBody, Start, condensed_body, under
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import nonlinearity
@@ -168,7 +168,7 @@ class ReducedFE(MeshBody):
         assert isinstance(placed, Basis)  # `_sampled_class` has its `_make_shared`
         large = self.model == "nonlinear" and self.sticks  # a sliding surface is only valid under light loads
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
-        law = (self.poisson, self.sticks, self._apart(), rho, self.area_law())
+        law = (self.poisson, self.sticks, self._apart((basis or self.basis()).vertices), rho, self.area_law())
         gaps = has_gaps(self, 2.0 * self.radius)
         return condensed_body(placed, *given, *law, start=self._start(placed, given), remembers=gaps)
 
@@ -193,7 +193,7 @@ class ReducedFE(MeshBody):
         """Key of the results of a start. They depend neither on the modulus nor on the retardation time."""
         mesh, _, _, radius, _ = given
         surfaces = (basis.vertices, basis.triangles, basis.compliance, mesh.vertices, mesh.triangles)
-        return basis_store.start_key(*surfaces, radius, self.poisson, self.sticks, self._apart())
+        return basis_store.start_key(*surfaces, radius, self.poisson, self.sticks, self._apart(self.basis().vertices))
 
     def _start(self, basis: Basis, given: tuple[Mesh, float, float, float, float]) -> Start | None:
         """The stored results for a shipped basis at its place in the scene."""
@@ -242,11 +242,11 @@ class ReducedFE(MeshBody):
             self._note_once(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
         return super().notes()
 
-    def _apart(self) -> np.ndarray | None:
-        """Distance [m] (V,) of each vertex of the basis to the nearest change of modulus; None: homogeneous."""
+    def _apart(self, vertices: np.ndarray) -> np.ndarray | None:
+        """Distance [m] (V,) of each of the basis's vertices [m] (V,3) to the nearest change of modulus; None:
+        homogeneous."""
         if self.surface == "fingertip" or not (self.nodule_radius > 0 or self.capsule_thickness > 0):
             return None
-        vertices = self.coarse_mesh().vertices
         if self.capsule_thickness > 0:
             return np.zeros(len(vertices))
         if self.nodule_shape:
@@ -370,7 +370,8 @@ class ReducedFE(MeshBody):
             )
         path, basis = stored
         self._path = path
-        away = basis_store.off(basis.vertices, self.coarse_mesh(), self.reduced_count() is not None)
+        listed = basis.listed if isinstance(basis, OrderedBasis) else basis.vertices
+        away = basis_store.off(listed, self.coarse_mesh(), self.reduced_count() is not None)
         if away > basis_store.NEAR:
             raise SettingError(
                 f"{path}: its vertices are up to {away:.2g} of the surface's extent off surface {self.surface!r}; "
@@ -407,8 +408,10 @@ class ReducedFE(MeshBody):
             path = basis_store.find(folder, self.key())
             if path is not None:
                 try:
-                    sampled = self.model == "sampled"
-                    return path, basis_store.load(SampledBasis, path) if sampled else basis_store.load(Basis, path)
+                    if self.model == "sampled":
+                        return path, basis_store.load(SampledBasis, path)
+                    built_in = self.surface in SURFACES  # its meshes are in an order in which neighbours are near
+                    return path, basis_store.load(Basis if built_in else OrderedBasis, path)
                 except ArchiveError as error:
                     raise SettingError(f"{error}, here: {self.command()} --force") from None
         return None

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
+from palpate.physics.geometry.search.morton import morton_order
 from palpate.physics.indices import check_indices
 
 
@@ -51,3 +52,25 @@ class Basis:
             raise ArchiveError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate build basis`") from None
         full += np.tril(full, -1).T
         return cls(vertices, archive["triangles"], full)
+
+
+@dataclass(frozen=True)
+class OrderedBasis(Basis):
+    """A basis whose vertices are numbered along a Morton curve, for a surface in any order, as that of a file: those of
+    a patch then lie close together in memory. In the order of a reduced file the 105 rows of C that a step reads take
+    twice as many lines of the cache, and the step up to 15 % longer.
+
+    listed  [m] (V,3) the vertices in the order of the file of the basis
+    """
+
+    listed: np.ndarray
+
+    @classmethod
+    def load(cls, path: Path) -> OrderedBasis:
+        stored = Basis.load(path)
+        order, size = morton_order(stored.vertices), len(stored.vertices)
+        number = np.empty(size, np.int64)
+        number[order] = np.arange(size)
+        rows = (3 * order[:, None] + np.arange(3)).ravel()
+        return cls(stored.vertices[order], number[stored.triangles], stored.compliance[np.ix_(rows, rows)],
+                   stored.vertices)  # fmt: skip
