@@ -130,7 +130,7 @@ def test_means_widen_a_load_as_the_hats_do():
     """W of a regular surface keeps the centre and adds the second moment of a hat, h²/4 with edges h, twice: that of
     the mean of phi_u phi_v is 1/12 and 1/6 of the area of each triangle."""
     mesh = plane(0.1, 600)
-    means = hat_means(mesh)
+    means = hat_means(mesh, np.zeros((len(mesh.vertices),) * 2))
     assert means.shares.sum(axis=1) == approx(1.0)
     area = 0.5 * np.linalg.norm(mesh.face_vectors, axis=1)
     v = int(np.argmin(np.linalg.norm(mesh.vertices, axis=1)))
@@ -144,3 +144,14 @@ def test_means_widen_a_load_as_the_hats_do():
     for u, share in zip(means.near[v].tolist(), means.shares[v], strict=True):
         found[u] += share
     assert found == {u: approx(each / total) for u, each in wanted.items()}
+
+
+def test_the_mean_of_widened_loads_is_that_of_the_table_of_means():
+    """g.W' T W g of `Means.table`, where W is taken column by column."""
+    mesh, rng = plane(0.1, 100), np.random.default_rng(3)
+    table = rng.uniform(size=(len(mesh.vertices),) * 2)
+    table += table.T
+    means, widen = hat_means(mesh, table), np.zeros(table.shape)
+    for v in range(len(table)):
+        np.add.at(widen[:, v], means.near[v], means.shares[v])
+    assert means.table == approx(widen.T @ table @ widen, rel=1e-12)

@@ -12,6 +12,7 @@ from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor, Vecto
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
 from palpate.physics.bodies.large_displacement import NARROWEST, large_depth
 from palpate.physics.bodies.loads.acting import acting_patch
+from palpate.physics.bodies.loads.scattered import acting_radius
 from palpate.physics.bodies.patch import normal_force, patch_radius, share_of
 from palpate.physics.bodies.true_patch import HOLDS, LEAST_SHARE, MEAN, TruePatch, patch_compliance
 from palpate.physics.contact import end_rate
@@ -160,9 +161,7 @@ def take_load(
                        [1/m] of the shares when the patch moves
     marks   [1] (3,V)  the loaded vertices; 1 for each of these; the vertices of the patch
     """
-    young = model.young
-    held, load, measure = fields[0], fields[1], fields[2]
-    active, marked, order = marks[0], marks[1], marks[2]
+    young, measure, order = model.young, fields[2], marks[2]
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     total = normal_force(pull, normal)
     fading = keep * contact.course.ahead
@@ -171,24 +170,18 @@ def take_load(
     advance(contact.course, bears if count > 0 else 0.0, dt)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
     clear(contact.excess)
-    block = stack_zeros((3, 3))
-    # indentation of the linear body: m.C h of the history, m.C f of the load
-    sums = stack_zeros((4,))
-    for k in range(count):
-        _gather(model, active[k], order, touched, measure, held, load, normal, block, sums)
-    for k in range(touched):
-        if marked[order[k]] == 0:
-            _gather(model, order[k], order, touched, measure, held, load, normal, block, sums)
-    now, pressed, static, hats = sums
-    # correction of the compliance for the true load, by a half-space
-    radius, acts, narrow, narrowed, contact.scattered = acting_patch(
-        model, patch, pull, normal, total, order, touched, measure, hats, not contact.organ
+    radius, narrow, narrowed, contact.scattered, wider = acting_patch(
+        model, patch, pull, normal, total, order, touched, measure, not contact.organ
     )
     contact.narrowed = narrowed or contact.scattered > 0.0
-    body, more = patch_compliance(
-        model.compliance, model.true, order, touched, measure, contact.narrowed, normal, acts, block, hats,
-        contact.holds,
-    )  # fmt: skip
+    # indentation of the linear body: m.C h of the history, m.C f of the load; its compliance under both loads
+    block, sharp = stack_zeros((3, 3)), stack_zeros((3, 3))
+    now, pressed, static, hats, near = _gather_all(
+        model, fields, marks, count, touched, normal, contact.narrowed, block, sharp
+    )
+    # correction of the compliance for the true load, by a half-space
+    acts = acting_radius(radius, contact.scattered, hats, wider)
+    body, more = patch_compliance(model.true, normal, acts, block, sharp, near, contact.holds)
     if contact.organ:
         clear(contact.holds)
     elif len(model.true.table) > 0 and share > 0.0:
@@ -240,6 +233,33 @@ def _exceed(model: CondensedModel, excess: Record, radius: float, thin: float, c
 
 
 @kernel
+def _gather_all(
+    model: CondensedModel,
+    fields: Tensor,
+    marks: Indices,
+    count: int,
+    touched: int,
+    normal: Vector3,
+    narrowed: bool,
+    block: Matrix,
+    sharp: Matrix,
+):
+    """Fill `block` and `sharp` [m/N] (3,3) with g.C g of the load and of the narrowed load; both are equal unless it is
+    `narrowed`. Returns the other sums of `_gather`: C is read once."""
+    active, marked, order, sums = marks[0], marks[1], marks[2], stack_zeros((5,))
+    held, load, measure = fields[0], fields[1], fields[2]
+    for k in range(count):
+        _gather(model, active[k], order, touched, measure, held, load, normal, narrowed, block, sharp, sums)
+    for k in range(touched):
+        if marked[order[k]] == 0:
+            _gather(model, order[k], order, touched, measure, held, load, normal, narrowed, block, sharp, sums)
+    if not narrowed:
+        sharp[:] = block
+        sums[4] = sums[3]
+    return sums[0], sums[1], sums[2], sums[3], sums[4]
+
+
+@kernel
 def _gather(
     model: CondensedModel,
     b: int,
@@ -249,11 +269,14 @@ def _gather(
     held: Matrix,
     load: Matrix,
     normal: Vector3,
+    narrowed: bool,
     block: Matrix,
+    sharp: Matrix,
     sums: Array,
 ):
     """Add the contributions of the coarse vertex b: to `block` [m/N] (3,3) that to g.C g; to `sums` those to m.C h, to
-    its part due to normal forces, to m.C f, and to g.T g."""
+    its part due to normal forces, to m.C f, and to g.T g. If the load is `narrowed` also those of that load, the second
+    column of `measure`: to `sharp`, and to its g.T g."""
     first, second, third = model.compliance[3 * b], model.compliance[3 * b + 1], model.compliance[3 * b + 2]
     c00 = c01 = c02 = c10 = c11 = c12 = c20 = c21 = c22 = hats = 0.0
     corrects = len(model.true.table) > 0
@@ -282,6 +305,33 @@ def _gather(
             for j in range(3):
                 block[i, j] += share * row[j]
         sums[3] += share * hats
+        if narrowed:
+            share = measure[b, 1]
+            sums[4] += share * _gather_sharp(model, b, order, touched, measure, 0.5 * share, sharp)
+
+
+@kernel
+def _gather_sharp(
+    model: CondensedModel, b: int, order: Indices, touched: int, measure: Matrix, half: float, sharp: Matrix
+):
+    """Add the contribution of the vertex b to `sharp` of `_gather`, whose share is twice `half`; return that to g.T g
+    over the share. All pairs together are symmetric, so each adds the symmetric part of its C."""
+    first, second, third = model.compliance[3 * b], model.compliance[3 * b + 1], model.compliance[3 * b + 2]
+    c00 = c11 = c22 = c01 = c02 = c12 = near = 0.0
+    for k in range(touched):
+        v = order[k]
+        share, at = measure[v, 1], 3 * v
+        c00 += share * first[at]
+        c11 += share * second[at + 1]
+        c22 += share * third[at + 2]
+        c01 += share * (first[at + 1] + second[at])
+        c02 += share * (first[at + 2] + third[at])
+        c12 += share * (second[at + 2] + third[at + 1])
+        near += share * model.true.table[b, v]
+    for i, row in enumerate(((2.0 * c00, c01, c02), (c01, 2.0 * c11, c12), (c02, c12, 2.0 * c22))):
+        for j in range(3):
+            sharp[i, j] += half * row[j]
+    return near
 
 
 @kernel

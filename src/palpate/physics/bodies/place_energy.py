@@ -33,6 +33,7 @@ from palpate.compiler.memory import stack_zeros
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector, Vector3
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.loads.acting import acting_patch
+from palpate.physics.bodies.loads.scattered import acting_radius
 from palpate.physics.bodies.patch import normal_force
 from palpate.physics.bodies.true_patch import Holds, gather_compliance, patch_compliance
 from palpate.physics.contact.spread import Spreader, spread
@@ -67,7 +68,7 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> tuple[np.ndarray, np
 
 @ieee_kernel
 def _soften(vertices: Matrix, normals: Matrix, model: Record, spreader: Spreader, compliances: Array, sideways: Matrix):
-    measure, block = np.zeros((len(vertices), 3)), np.zeros((3, 3))
+    measure, block, narrow = np.zeros((len(vertices), 3)), np.zeros((3, 3)), np.zeros((3, 3))
     holds = Holds(np.zeros(3), np.zeros((2, 2)), np.zeros(2))
     order, marked = np.zeros(len(vertices), np.int64), np.zeros(len(vertices), np.bool_)
     for v in range(len(vertices)):
@@ -94,17 +95,18 @@ def _soften(vertices: Matrix, normals: Matrix, model: Record, spreader: Spreader
         # compliance of the linear organ under the patch, and its lateral displacement over the indentation
         total = normal_force(forces, normal)
         hats = gather_compliance(model.compliance, model.true.table, order, touched, measure, 0, block)
-        _, acts, _, narrowed, scattered = acting_patch(
-            model, nodes, forces, normal, total, order, touched, measure, hats, True
+        radius, _, narrowed, scattered, wider = acting_patch(
+            model, nodes, forces, normal, total, order, touched, measure, True
         )
-        narrowed = narrowed or scattered > 0.0
+        acts = acting_radius(radius, scattered, hats, wider)
+        narrow[:] = block
+        if narrowed or scattered > 0.0:
+            hats = gather_compliance(model.compliance, model.true.table, order, touched, measure, 1, narrow)
         for i in range(3):
             for j in range(3):
                 sideways[v, i] -= normal[j] * block[j, i]
         out = row_times(normal, sideways[v])
-        body, more = patch_compliance(
-            model.compliance, model.true, order, touched, measure, narrowed, normal, acts, block, hats, holds
-        )
+        body, more = patch_compliance(model.true, normal, acts, block, narrow, hats, holds)
         compliances[v] = body + more
         for i in range(3):
             sideways[v, i] = (sideways[v, i] - out * normal[i]) / compliances[v]

@@ -80,9 +80,10 @@ def true_patch(
     held = HELD * ((1.0 - 2.0 * poisson) / (1.0 - poisson)) ** 2 if sticks else 0.0
     ratio = (1.0 - 0.5 * poisson) / (1.0 - poisson)
     near = np.zeros(0) if apart is None else apart
+    table = _table(coarse) if table is None else table
     return TruePatch(
-        _table(coarse) if table is None else table, depth_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks,
-        LEAST_MOMENT * fine.areas, near, _ground(coarse), _means(coarse),
+        table, depth_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, LEAST_MOMENT * fine.areas, near,
+        _ground(coarse), _means(coarse, table),
     )  # fmt: skip
 
 
@@ -97,8 +98,8 @@ def _ground(coarse: Mesh) -> np.ndarray:
 
 
 @keep_results
-def _means(coarse: Mesh) -> Means:
-    return hat_means(coarse)
+def _means(coarse: Mesh, table: np.ndarray) -> Means:
+    return hat_means(coarse, table)
 
 
 def without_correction(fine: Mesh) -> TruePatch:
@@ -217,24 +218,15 @@ def _along(block: Matrix, normal: Vector3):
 
 @kernel
 def patch_compliance(
-    compliance: Matrix,
-    true: TruePatch,
-    order: Indices,
-    touched: int,
-    measure: Matrix,
-    narrowed: bool,
-    normal: Vector3,
-    radius: float,
-    block: Matrix,
-    hats: float,
-    holds: Record,
+    true: TruePatch, normal: Vector3, radius: float, block: Matrix, narrow: Matrix, hats: float, holds: Record
 ):
     """Compliance of a patch for a modulus of 1 Pa [m/N]: g.C g along the normal, and its correction. Fills `holds`.
 
-    radius       [m] R, or that of the patch with the same compliance of the half-space, see `loads.scattered`
-    holds        `HOLDS`, or arrays with these names
-    block, hats  g.C g [m/N] (3,3) and g.T g [1/m], see `gather_compliance`; `block` is changed
-    order, measure, narrowed  see `loads.narrowed`
+    radius  [m] R, or that of the patch with the same compliance of the half-space, see `loads.scattered`
+    block   g.C g [m/N] (3,3) of the load
+    narrow  the same of the load that C and H act on, see `loads.narrowed` and `loads.scattered`, `block` if that is g;
+            and its g.T g `hats` [1/m]
+    holds   `HOLDS`, or arrays with these names
     """
     for a in range(2):
         holds.cross[a] = holds.own[a, 0] = holds.own[a, 1] = 0.0
@@ -242,13 +234,10 @@ def patch_compliance(
     own = _along(block, normal)
     if len(true.table) == 0:
         return own, 0.0
-    apart = 0.0
-    if narrowed:
-        hats = gather_compliance(compliance, true.table, order, touched, measure, 1, block)
-        apart = _along(block, normal) - own
+    apart = _along(narrow, normal) - own
     more = true.normal * (MEAN / radius - hats)
     if true.sticks:
-        lost = _held_sideways(block, normal, true.tangential * more, holds)
+        lost = _held_sideways(narrow, normal, true.tangential * more, holds)
         more -= true.held * true.normal * MEAN / radius + lost
     return own, max(more + apart, LEAST_SHARE * own - own)
 

@@ -39,7 +39,6 @@ from palpate.physics.bodies.patch import MEAN, compactness
 from palpate.physics.geometry.mesh import Mesh
 
 COMPACT, SCATTERED = 0.9, 0.75  # [1] compactness between which w rises from 0 to 1
-UNSEEN = -1.0  # share of a vertex that is not listed yet
 LEAST = 0.1  # [1] lower limit of c_R^-2 over that of g
 TINY = 1e-12  # [1] share that cannot be divided by
 
@@ -49,15 +48,17 @@ class Means(NamedTuple):
 
     near: Annotated[np.ndarray, "<i4", 2]  # [1] (V,k) v and its neighbours, padded with v
     shares: Annotated[np.ndarray, "<f8", 2]  # [1] (V,k) W_uv of these u
+    table: Annotated[np.ndarray, "<f8", 2]  # [1/m] (V,V) W' T W: W g has four times as many pairs of vertices as g
 
 
 def no_means() -> Means:
     """No means: no load counts as scattered."""
-    return Means(np.zeros((0, 0), np.int32), np.zeros((0, 0)))
+    return Means(np.zeros((0, 0), np.int32), np.zeros((0, 0)), np.zeros((0, 0)))
 
 
-def hat_means(mesh: Mesh) -> Means:
-    """W of a surface: the integral of two hats over a triangle is 1/12 of its area, of the square of one 1/6."""
+def hat_means(mesh: Mesh, table: np.ndarray) -> Means:
+    """W of a surface: the integral of two hats over a triangle is 1/12 of its area, of the square of one 1/6. `table`:
+    T [1/m] (V,V)."""
     size, triangles = len(mesh.vertices), mesh.triangles.astype(np.int64)
     area = 0.5 * np.linalg.norm(mesh.face_vectors, axis=1)
     column, row = np.repeat(triangles, 3, axis=1).ravel(), np.tile(triangles, 3).ravel()
@@ -67,10 +68,19 @@ def hat_means(mesh: Mesh) -> Means:
     first = np.searchsorted(column, np.arange(size + 1))
     slot = np.arange(len(both)) - first[column]
     near = np.repeat(np.arange(size, dtype=np.int32)[:, None], max(slot.max(initial=0) + 1, 1), axis=1)
-    table = np.zeros(near.shape)
-    near[column, slot], table[column, slot] = row, shares
-    total = table.sum(axis=1)
-    return Means(near, table / np.where(total > 0.0, total, 1.0)[:, None])
+    part = np.zeros(near.shape)
+    near[column, slot], part[column, slot] = row, shares
+    total = part.sum(axis=1)
+    part /= np.where(total > 0.0, total, 1.0)[:, None]
+    return Means(near, part, _widen_rows(near, part, _widen_rows(near, part, table).T))
+
+
+def _widen_rows(near: np.ndarray, shares: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """A table (V,V) times W."""
+    found = np.zeros(table.shape)
+    for slot in range(near.shape[1]):
+        found += table[:, near[:, slot]] * shares[:, slot]
+    return found
 
 
 @kernel
@@ -105,50 +115,41 @@ def sharpen_load(
     touched: int,
     measure: Matrix,
     narrowed: bool,
-    hats: float,
     radius: float,
     narrow: float,
 ):
-    """Blend the second column of `measure` (V,3) with gamma if the load is scattered. Returns the radius [m] of the
-    patch that has c_R, blended with `radius`, and w; with w > 0 the second column is to be used.
+    """Blend the second column of `measure` (V,3) with gamma if the load is scattered. Returns w, with which the second
+    column is to be used if it is above 0, and (W g).T (W g) [1/m].
 
     model  a `CondensedModel`;  patch, pull  the load (k,3) on the fine vertices;  total [N] its normal force
-    order  (V) coarse vertices of the load, `touched` of them; others are overwritten
+    order  (>= touched) coarse vertices of the load
     measure  g in its first column, a load of `narrow_load` in its second one if `narrowed`, its third is overwritten
-    hats [1/m]  g.T g;  radius [m], narrow [1]  see `load_radius`
+    radius [m], narrow [1]  see `load_radius`
     """
-    means, table = model.true.means, model.true.table
+    means = model.true.means
     if len(means.near) == 0:
-        return radius, 0.0
+        return 0.0, 0.0
     compact = compactness(patch, pull, normal, total, model.true.least, radius)
     at = min(max((COMPACT - compact) / (COMPACT - SCATTERED), 0.0), 1.0)
     weight = at * at * (3.0 - 2.0 * at) * max(1.0 - narrow, 0.0)
     if weight == 0.0:
-        return radius, 0.0
+        return 0.0, 0.0
     near, shares = means.near, means.shares
-    # W g and the list of its vertices, those of g first
-    for k in range(touched):
-        for s in range(near.shape[1]):
-            measure[near[order[k], s], 2] = UNSEEN
-    for k in range(touched):
-        measure[order[k], 2] = 0.0
-    listed = touched
+    # W g at the vertices of g, and its product with T
     for k in range(touched):
         v = order[k]
         for s in range(near.shape[1]):
-            u = near[v, s]
-            if measure[u, 2] == UNSEEN:
-                order[listed] = u
-                listed += 1
-                measure[u, 2] = 0.0
-            measure[u, 2] += shares[v, s] * measure[v, 0]
+            measure[near[v, s], 2] = 0.0
     wider = 0.0
-    for k in range(listed):
-        u = order[k]
-        row = 0.5 * measure[u, 2] * table[u, u]
+    for k in range(touched):
+        v = order[k]
+        share = measure[v, 0]
+        for s in range(near.shape[1]):
+            measure[near[v, s], 2] += shares[v, s] * share
+        row = 0.5 * share * means.table[v, v]
         for m in range(k):
-            row += measure[order[m], 2] * table[u, order[m]]
-        wider += 2.0 * measure[u, 2] * row
+            row += measure[order[m], 0] * means.table[v, order[m]]
+        wider += 2.0 * share * row
     if not narrowed:
         _widen(means, order, touched, measure)
     whole = 0.0
@@ -158,9 +159,14 @@ def sharpen_load(
         v = order[k]
         before = measure[v, 1] if narrowed else measure[v, 0]
         measure[v, 1] = before + weight * (_sharper(measure[v], narrowed) / max(whole, TINY) - before)
-    for k in range(listed):
-        measure[order[k], 2] = 0.0
-    if not (hats > 0.0 and wider > 0.0):
-        return radius, weight
+    return weight, wider
+
+
+@kernel
+def acting_radius(radius: float, weight: float, hats: float, wider: float):
+    """Radius [m] of the patch that has c_R, blended with that of the load by w, from g.T g and `wider` [1/m] of
+    `sharpen_load`."""
+    if not (weight > 0.0 and hats > 0.0 and wider > 0.0):
+        return radius
     square = max(2.0 / (hats * hats) - 1.0 / (wider * wider), LEAST / (hats * hats))
-    return radius + weight * (MEAN * np.sqrt(square) - radius), weight
+    return radius + weight * (MEAN * np.sqrt(square) - radius)
