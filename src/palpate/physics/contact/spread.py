@@ -14,7 +14,8 @@ along the contact's normal: with d_0 >= 0 and the height h_j = (x_j - foot).n of
 
     w_j ~ A_j g_j k(((d_j² - min(h_j², d_0²)) / (R² + d_0²))^½)
 
-and d_0² is the least one with which the patch has the area of one whose foot is a = `OFF` R above a plane,
+(with a smooth minimum, see `_lowered`) and d_0² is the least one with which the patch has the area of one whose foot is
+a = `OFF` R above a plane,
 
     sum_j A_j g_j k >= integral_a^R k(h/R) 2 pi h dh.
 
@@ -229,10 +230,18 @@ def _gather(s: Spreader, foot: Vector3, normal: Vector3, reach: float):
 
 
 @ieee_kernel
+def _lowered(height: float, shift: float):
+    """The smaller one of h_j² and d_0² = `shift` [m²], with a parabola up to h_j² = 2 d_0² in place of the kink. With
+    that the patch of an inclined foot next to a groove of 8 mm moved 20 % faster within 0.1 mm, as d_0² passed the
+    heights of its nodes, onto beams that had not yielded."""
+    return height - 0.25 * height * height / shift if height < 2.0 * shift else shift
+
+
+@ieee_kernel
 def _cone_value(kind: int, square: float, height: float, shift: float, wide: float):
     """k of a node, from d_j²/x and h_j² [m²], for d_0² = `shift` [m²] and (R² + d_0²)^½ = `wide` [m]. It gets numbers:
     passed to each call, the arrays take 12 times as long as the rest of `spread`."""
-    square -= min(height, shift)
+    square -= _lowered(height, shift)
     return kernel_value(kind, math.sqrt(max(square, 0.0)) / wide) if square < wide * wide else 0.0
 
 
@@ -273,7 +282,7 @@ def _within(s: Spreader, count: int, r: float, shift: float):
     wide, kept = math.sqrt(r * r + shift), 0
     for at in range(count):
         square, height = s.forces[at, 0], s.forces[at, 1]
-        if square - min(height, shift) < wide * wide:
+        if square - _lowered(height, shift) < wide * wide:
             s.nodes[kept], s.weights[kept] = s.nodes[at], s.weights[at]
             s.forces[kept, 0], s.forces[kept, 1] = square, height
             kept += 1
