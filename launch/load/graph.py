@@ -167,7 +167,7 @@ def _repeat_for_organs(
     notes = (*notes, *add_parts(parts, scene, faults))
     pairs, apart = pairs_in_reach(organs or [], scene, faults) if several else ([], {})
     off = repeat_lines(source, organs, pairs, apart, faults)
-    if several and (unread or organs is None):
+    if several and unread:
         faults.done()  # without all lines of the graph, others would lack senders and fields
     add_folds(source, scene, faults)
     notes = (*notes, *add_motions(source, scene, faults))
