@@ -41,3 +41,4 @@ def test_a_folder_is_run_without_and_a_file_with_its_slow_tests():
         return subprocess.run(command, cwd=ROOT, env=os.environ, capture_output=True, text=True).stdout
 
     assert name in collected(file) and name in collected(folder, "--all") and name not in collected(folder)
+    assert name not in collected(folder, "tests/test_imports.py")  # `./check.sh --fast` ran all slow tests

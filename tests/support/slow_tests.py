@@ -1,8 +1,8 @@
 """Leaves the slow tests out of runs of the whole suite: those that cost more than `LIMIT` of processor time.
 
-`tests/slow.txt` lists them, one test or one case of a test per line. A run of named files or tests runs all of them; so
-do `tests/mutation.py`, which names the files, and `./check.sh --all`. A run of folders or of the whole suite leaves the
-listed ones out.
+`tests/slow.txt` lists them, one test or one case of a test per line. A run of named files or tests runs all tests of
+these files; so do `tests/mutation.py`, which names the files, and `./check.sh --all`. Of folders and of the whole suite
+the listed ones are left out, also where a run names a file as well, as `./check.sh --fast` does.
 
     ./check.sh --all --measure [FILE]...     writes the list again, for all files or for these
     ./check.sh --measure                     adds what has become slow, without a run of those that are listed
@@ -53,13 +53,15 @@ class SlowTests:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
-        if _runs_listed(config):
+        if config.getoption("all_tests"):
             return
-        listed = read()
+        listed, named = read(), _named_files(config)
         left_out = {
             item
             for item in items
-            if {item.nodeid, item.nodeid.split("[")[0]} & listed and not item.get_closest_marker("long")
+            if {item.nodeid, item.nodeid.split("[")[0]} & listed
+            and item.path not in named
+            and not item.get_closest_marker("long")
         }
         if left_out:
             config.hook.pytest_deselected(items=list(left_out))
@@ -104,17 +106,25 @@ class SlowTests:
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         if self.measures and not hasattr(session.config, "workerinput"):
             known = self.costs.keys() | {test.split("[")[0] for test in self.costs}
-            if _runs_listed(session.config):  # a name of these files that has not run is that of no test
-                files = {test.split("::")[0] for test in self.costs}
-                known |= {test for test in read() if test.split("::")[0] in files}
-            others = {test for test in read() if test not in known and (LIST.parents[1] / test.split("::")[0]).exists()}
+            # a name of a file that has run as a whole, and has not run itself, is that of no test
+            everything, named = session.config.getoption("all_tests"), _named_files(session.config)
+            files = {
+                file for file in {test.split("::")[0] for test in self.costs} if everything or _file(file) in named
+            }
+            known |= {test for test in read() if test.split("::")[0] in files}
+            others = {test for test in read() if test not in known and _file(test.split("::")[0]).exists()}
             listed = others.union(choose(self.costs, self.fixtures, self.uses))
             LIST.write_text(HEADER + "".join(f"{name}\n" for name in sorted(listed)), "utf-8")
 
 
-def _runs_listed(config: pytest.Config) -> bool:
-    """Whether a run contains listed tests as well."""
-    return config.getoption("all_tests") or any(".py" in named for named in config.args)
+def _named_files(config: pytest.Config) -> set[Path]:
+    """The files that a run names; of its folders it leaves the listed tests out."""
+    names = (name.split("::")[0] for name in config.args)
+    return {(config.invocation_params.dir / name).resolve() for name in names if name.endswith(".py")}
+
+
+def _file(name: str) -> Path:
+    return LIST.parents[1] / name
 
 
 def _name(fixturedef: Any) -> str:
