@@ -40,6 +40,7 @@ from palpate.physics.geometry.mesh import Mesh
 
 COMPACT, SCATTERED = 0.9, 0.75  # [1] compactness between which w rises from 0 to 1
 LEAST = 0.1  # [1] lower limit of c_R^-2 over that of g
+ROWS = 32  # of a table that are widened at a time
 TINY = 1e-12  # [1] share that cannot be divided by
 
 
@@ -72,14 +73,17 @@ def hat_means(mesh: Mesh, table: np.ndarray) -> Means:
     near[column, slot], part[column, slot] = row, shares
     total = part.sum(axis=1)
     part /= np.where(total > 0.0, total, 1.0)[:, None]
-    return Means(near, part, _widen_rows(near, part, _widen_rows(near, part, table).T))
+    once = np.ascontiguousarray(_widen_rows(near, part, table).T)
+    return Means(near, part, np.ascontiguousarray(_widen_rows(near, part, once).T))
 
 
 def _widen_rows(near: np.ndarray, shares: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """A table (V,V) times W."""
+    """W' times a table (V,V), some rows at a time, as many as stay in the cache of the processor."""
     found = np.zeros(table.shape)
-    for slot in range(near.shape[1]):
-        found += table[:, near[:, slot]] * shares[:, slot]
+    for first in range(0, len(table), ROWS):
+        rows = slice(first, first + ROWS)
+        for slot in range(near.shape[1]):
+            found[rows] += shares[rows, slot, None] * table[near[rows, slot]]
     return found
 
 
