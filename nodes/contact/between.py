@@ -28,9 +28,8 @@ from palpate.nodes.contact.organs.body_side import (
 from palpate.nodes.contact.organs.given_bodies import GivenBody, given_bodies
 from palpate.nodes.contact.organs.organ_answer import answer, balance_late, send_loads, send_ride
 from palpate.nodes.contact.organs.organ_notes import growing_notes, start_notes
-from palpate.nodes.contact.organs.room_to_follow import make_follow
+from palpate.nodes.contact.organs.room_to_follow import keep_columns, make_follow
 from palpate.nodes.contact.organs.withheld import joins_run, leaps, withhold
-from palpate.nodes.contact.placed import law_of
 from palpate.physics.bodies.between_bodies import NO_TANGENTS, BetweenBody, tangents_of
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import following
@@ -204,6 +203,7 @@ class Between(CompiledNode):
         """Room for the fingers on each body, and, with organs that move, for candidates that follow."""
         if sum(counts[2:]) > 0:
             self.make_follow()
+        keep_columns(self.own, self._held, "", counts[:2])
         one, two = max(counts[0] - self.first_organs, 0), max(counts[1] - self.second_organs, 0)
         size = len(self._held["rest"])
         self.hold("opened", np.zeros((2, one + 1, size)))
@@ -233,11 +233,9 @@ class Between(CompiledNode):
         others, opened, again = floats(own.others), floats(own.opened), floats(own.again)
         normal, along = floats(own.normals), floats(own.along)
         presses, rests = out.first_pressing, out.second_pressing
-        rub, slid, a, b = rub_of(own.rub), floats(own.slid), law_of(own.first_law), law_of(own.second_law)
-        fingers, tangents, along_one, along_two = opened.shape[1] - 1, rub.tangents, rub.others[0], rub.others[1]
-        unknown = take_loads(first, fingers, a, one, 1.0, tangents[0], others[0], opened, presses, along_one, slid)
-        fingers = again.shape[1] - 1
-        if unknown or take_loads(second, fingers, b, two, -1.0, tangents[1], others[1], again, rests, along_two, slid):
+        rub, slid = rub_of(own.rub), floats(own.slid)
+        unknown = take_loads(first, opened.shape[1] - 1, one, others[0], opened, presses, rub.others[0], slid)
+        if unknown or take_loads(second, again.shape[1] - 1, two, others[1], again, rests, rub.others[1], slid):
             own.fault, own.fault_side = NO_VERTEX, 0 if unknown else 1
             return
         joins = joins_run(own.steps, first_support) or joins_run(own.steps, second_support)

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.compiler.fields import form
 from palpate.compiler.records import floats, integers, longs, put
 from palpate.messages import Load
-from palpate.messages.contact import MOST_CONTACTS, OrganContact
+from palpate.messages.contact import MOST_CONTACTS, SIDES, OrganContact
 from palpate.messages.record import ROOM
 from palpate.messages.tissue import Support
 from palpate.nodes.base import ARRAY, TABLE, InputError, Out, SettingError
@@ -19,7 +19,7 @@ from palpate.nodes.contact.between import CUBE, Between
 from palpate.nodes.contact.coupled_step import active_of, begin, finish, repeat_loads, solve
 from palpate.nodes.contact.organs.body_side import pair_of, rub_of, side_of, take_loads
 from palpate.nodes.contact.organs.organ_answer import answer, balance_late, send_loads, send_ride
-from palpate.nodes.contact.placed import law_of
+from palpate.nodes.contact.organs.room_to_follow import keep_columns
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
 from palpate.physics.contact.organs.pivoting import ActiveSet, active_set
@@ -71,6 +71,7 @@ class Coupled(Between):
             member.start()
             member.resize([member.first_organs, member.second_organs])
             member.make_follow()
+            keep_columns(member.own, member._held, "", _loads_on(given, k))
             member.own["rides"] = member.own["floats"] = True
             # the node of another contact may run while this one is restarted
             member.own["waited"] = k != self.place or given[k].get("waits", True)
@@ -105,6 +106,9 @@ class Coupled(Between):
         """Room for the fingers on each body."""
         member, size = self._members[self.place], len(self._held["gap"])
         member.resize(counts[:2])
+        state = self.own["members"][self.place]
+        most = [max(n, state[f"{name}_law"]["loaded"]) for n, name in zip(counts[:2], SIDES, strict=True)]
+        keep_columns(state, self._held, f"members.{self.place}.", most)
         for name in ("opened", "again", "yields", "returns"):
             self._hold_at(self.place, name, member._held[name])
         self._hold_at(self.place, "along", np.zeros((2, len(member._held["along"][0]), size)))
@@ -128,13 +132,10 @@ class Coupled(Between):
                 unknown = unknown or repeat_loads(own, k, 1, loads, others[1], along[1])
             else:
                 opened, again, slid = floats(m.opened), floats(m.again), floats(m.slid)
-                one, two, tangents = side_of(m.one), side_of(m.two), rub_of(m.rub).tangents
-                a, b, fingers, more = law_of(m.first_law), law_of(m.second_law), opened.shape[1] - 1, again.shape[1] - 1
-                unknown = take_loads(
-                    first, fingers, a, one, 1.0, tangents[0], others[0], opened, presses, along[0], slid
-                )
+                one, two = side_of(m.one), side_of(m.two)
+                unknown = take_loads(first, opened.shape[1] - 1, one, others[0], opened, presses, along[0], slid)
                 unknown = unknown or take_loads(
-                    second, more, b, two, -1.0, tangents[1], others[1], again, rests, along[1], slid
+                    second, again.shape[1] - 1, two, others[1], again, rests, along[1], slid
                 )
             if unknown:
                 own.fault = NO_VERTEX
@@ -171,3 +172,13 @@ class Coupled(Between):
             member._notes, member._noted, member._grown = self._notes, self._noted, self._grown
             return member.notes()
         return super(Between, self).notes()
+
+
+def _loads_on(given: list[dict[str, Any]], k: int) -> list[int]:
+    """How many loads of fingers, other organs and other contacts of an island the two bodies of contact k may bear."""
+    return [
+        len(given[k]["loads"][side])
+        + sum(given[k]["bodies"][side] in other["bodies"] for n, other in enumerate(given) if n != k)
+        + given[k]["settings"].get(f"{name}_organs", 0)
+        for side, name in enumerate(SIDES)
+    ]

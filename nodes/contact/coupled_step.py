@@ -10,13 +10,10 @@ from palpate.nodes.contact.carried import against, end_ride, press_on, ride_on
 from palpate.nodes.contact.followed import follow, jumped, keep_room, renew_matrix
 from palpate.nodes.contact.organs.body_side import pair_of, rub_of, side_of, spread_forces
 from palpate.nodes.contact.organs.withheld import joins_run, leaps, withhold
-from palpate.nodes.contact.placed import law_of
 from palpate.physics.bodies.floating.turning import cross
 from palpate.physics.contact.organs import between as contact
 from palpate.physics.contact.organs import coupled
 from palpate.physics.contact.organs import rigid_motion as rigid
-from palpate.physics.contact.organs.between_rows import CONDENSED
-from palpate.physics.contact.organs.condensed_fields import keep_rows
 from palpate.physics.contact.organs.pivoting import ActiveSet, add_rows, complement, refactor
 from palpate.physics.contact.organs.rubbing import begin_rubbing, end_rubbing, pull_of, solve_rubbing
 from palpate.physics.contact.organs.rubbing_patch import open_by_friction
@@ -31,8 +28,7 @@ def repeat_loads(own, k, side, loads, out, aside):
     its bodies: those that it names, and those of the other contacts in their last step. Returns whether a load is on an
     unknown vertex."""
     m, picks = own.members[k], integers(own.picks)
-    body, law = side_of(m.one if side == 0 else m.two), law_of(m.first_law if side == 0 else m.second_law)
-    sign, tangents = 1.0 - 2.0 * side, rub_of(m.rub).tangents[side]
+    body = side_of(m.one if side == 0 else m.two)
     row, moved = floats(m.opened if side == 0 else m.again)[0, 0], floats(m.slid)
     out[:] = 0.0
     aside[:] = 0.0
@@ -46,8 +42,6 @@ def repeat_loads(own, k, side, loads, out, aside):
         for v in nodes:
             if not 0 <= v < len(body.corners):
                 return True
-            if law.kind == CONDENSED:
-                keep_rows(law, body, sign, tangents, v)
         _add_load(body, nodes, floats(each.forces), row, moved, out, aside)
     bodies = integers(own.touched)
     for other in range(len(bodies)):
@@ -57,11 +51,7 @@ def repeat_loads(own, k, side, loads, out, aside):
             given = own.members[other].one if s == 0 else own.members[other].two
             count = int(own.loaded[other, s])
             if count > 0:
-                nodes = integers(given.nodes)[:count]
-                for v in nodes:
-                    if law.kind == CONDENSED:
-                        keep_rows(law, body, sign, tangents, v)
-                _add_load(body, nodes, floats(given.forces)[:count], row, moved, out, aside)
+                _add_load(body, integers(given.nodes)[:count], floats(given.forces)[:count], row, moved, out, aside)
     return False
 
 

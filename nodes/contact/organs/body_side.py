@@ -9,9 +9,7 @@ from palpate.nodes.base.kernels import ieee_kernel
 from palpate.physics.bodies.between_bodies import BetweenBody
 from palpate.physics.bodies.mass_spring import normal_force
 from palpate.physics.contact.organs import between as contact
-from palpate.physics.contact.organs.between_rows import CONDENSED
 from palpate.physics.contact.organs.candidates import Shares
-from palpate.physics.contact.organs.condensed_fields import keep_rows
 from palpate.physics.contact.organs.rubbing import Rubbing
 
 
@@ -25,8 +23,6 @@ class BodySide(NamedTuple):
     normal (m,3)  direction for which they were computed
     few (m), coarse (m,h), hats [1] (m,h)  of a condensed organ whose candidates follow: the number of coarse vertices
                   on which a candidate has weights, these vertices, and the weights, as for the compliances
-    kept (t)      of a condensed organ whose candidates follow: whether the response is that of the present places at a
-                  terminal, see `condensed_fields.keep_rows`: where no load was, it is not computed
     gathered (t,3), touched (2,t)  workspace of `physics.contact.organs.between.open_by`
     slot (V)      place of a vertex in `nodes`, -1: none; -1 between steps
     nodes (k), forces [N] (k,3)  the load on the body
@@ -46,7 +42,6 @@ class BodySide(NamedTuple):
     few: Annotated[np.ndarray, "<i8", 1]
     coarse: Annotated[np.ndarray, "<i8", 2]
     hats: Annotated[np.ndarray, "<f8", 2]
-    kept: Annotated[np.ndarray, "<i8", 1]
     gathered: Annotated[np.ndarray, "<f8", 2]
     touched: Annotated[np.ndarray, "<i8", 2]
     slot: Annotated[np.ndarray, "<i8", 1]
@@ -63,8 +58,7 @@ def body_side(body: BetweenBody, shares: Shares, normal: np.ndarray) -> BodySide
         np.ascontiguousarray(body.corners, np.int64), np.ascontiguousarray(body.weights, float),
         contact.blocks_of(body.response), contact.blocks_of(body.aside), begins.astype(np.int64),
         begins[1:].astype(np.int64), shares.vertices, shares.weights, place, place.copy(), normal.copy(),
-        np.zeros(count, np.int64), np.zeros((count, 0), np.int64), np.zeros((count, 0)),
-        np.zeros(terminals, np.int64), np.zeros((terminals, 3)),
+        np.zeros(count, np.int64), np.zeros((count, 0), np.int64), np.zeros((count, 0)), np.zeros((terminals, 3)),
         np.zeros((2, terminals), np.int64), np.full(size, -1), np.zeros(used, np.int32), np.zeros((used, 3)),
     )  # fmt: skip
 
@@ -73,13 +67,12 @@ side_of, pair_of, rub_of = unpacking(BodySide), unpacking(contact.Pair), unpacki
 
 
 @ieee_kernel
-def take_loads(load, fingers, law, side, sign, tangents, others, opened, pressing, aside, moved):
+def take_loads(load, fingers, side, others, opened, pressing, aside, moved):
     """Fill `others` [m] (m), the opening of the candidates by all loads on a body at rest, `opened` [m] (2,f + 1,m),
     that by each of the first f = `fingers` loads and by its normal part, and their normal forces `pressing` [N]; if the
     bodies rub, `aside` [m] (2m), the displacement of the candidates along the surface by all loads. Returns whether a
     load is on an unknown vertex.
 
-    law, sign, tangents  of the body, see `between_rows.renew_row`
     moved (2m)  workspace
     """
     others[:] = 0.0
@@ -97,8 +90,6 @@ def take_loads(load, fingers, law, side, sign, tangents, others, opened, pressin
         for v in nodes:
             if not 0 <= v < len(side.corners):
                 return True
-            if law.kind == CONDENSED:
-                keep_rows(law, side, sign, tangents, v)
         n = vector(each.normal)
         contact.open_by(
             nodes, forces, n, side.corners, side.weights, side.response, side.gathered, side.touched, row, part

@@ -1,5 +1,6 @@
 """Arrays of a contact of organs whose candidates follow where these slide (`followed`): room for any cells."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from palpate.nodes.contact.organs.body_side import BodySide
 from palpate.physics.bodies.between_bodies import measure_along
 from palpate.physics.contact.organs import following
-from palpate.physics.contact.organs.between_rows import CONDENSED, SPRINGS, Law
+from palpate.physics.contact.organs.between_rows import CONDENSED, SPRINGS, Law, fill_columns
 from palpate.physics.contact.organs.candidates import Candidates
 from palpate.physics.contact.organs.condensed_fields import gather_all_hats
 from palpate.physics.geometry.mesh import Mesh
@@ -34,6 +35,24 @@ def make_follow(node: Any, found: Candidates, meshes: tuple[Mesh, Mesh], laws: t
             measure_along(law, matrix, drags, places, found.normal, tangents[0], found.area)
         if law.kind == CONDENSED:
             _list_hats(node, side, law, (1 if not slides else 3) * int(np.diff(track.begins).max()))
+
+
+def keep_columns(state: Any, held: dict[str, np.ndarray], prefix: str, counts: Sequence[int]) -> None:
+    """Set in the laws of a `Between`, of this state and with the arrays `held` at a prefix, whether their bodies may
+    bear other loads, by the numbers of these. Without, a candidate that moves needs no response to loads. If loads
+    are new after a step, the responses of all candidates are computed."""
+    for k, (side, name, count) in enumerate(zip(("one", "two"), ("first_law", "second_law"), counts, strict=True)):
+        gains = count > 0 and not state[name]["loaded"]
+        state[name]["loaded"] = count > 0
+        if gains and state["steps"] > 0 and state[name]["kind"] == CONDENSED:
+            law, body = _group(Law, name, state, held, prefix), _group(BodySide, side, state, held, prefix)
+            fill_columns(law, body, 1.0 - 2.0 * k, held[f"{prefix}rub.tangents"][k])
+
+
+def _group(form: Any, name: str, state: Any, held: dict[str, np.ndarray], prefix: str) -> Any:
+    """A NamedTuple of the state of a node."""
+    paths = {field: f"{prefix}{name}.{field}" for field in form._fields}
+    return form(*(held[path] if path in held else state[name][field].item() for field, path in paths.items()))
 
 
 def _list_hats(node: Any, side: str, law: Law, most: int) -> None:

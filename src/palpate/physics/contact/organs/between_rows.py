@@ -19,7 +19,6 @@ from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Array, Matrix, Record, Tensor, Vector3
 from palpate.physics.contact.organs.between import BLOCK
 from palpate.physics.contact.organs.condensed_fields import (
-    age_rows,
     field_of,
     fields_along,
     gather_hats,
@@ -38,6 +37,7 @@ class Law(NamedTuple):
     """Constants of a body, and workspace that is zero between calls where nothing else is said.
 
     kind        `CONDENSED`, `SPRINGS` or `PLATE`; 0: rows cannot be computed again
+    loaded      of a condensed organ: whether it may bear other loads, so that `side.response` and `side.aside` are used
     scale [1/Pa] 1/E;  local [1/Pa] (1 - nu²)/(pi E);  aside [1] (1 - nu/2)/(1 - nu)
     compliance (3V,3V), table (V,V)  C [m/N] for a modulus of 1 Pa, and T [1/m]
     softness q [m/Pa] (W), areas [m²] (W)  of springs at vertices of the surface
@@ -47,6 +47,7 @@ class Law(NamedTuple):
     """
 
     kind: int
+    loaded: int
     scale: float
     local: float
     aside: float
@@ -64,7 +65,7 @@ def condensed_law(compliance: np.ndarray, table: np.ndarray, young: float, local
     """Of a condensed organ; arguments as in `Law`, E [Pa], (1 - nu²)/pi."""
     size = len(compliance) // 3
     return Law(
-        CONDENSED, 1.0 / young, local / young, aside, compliance, table, NO_NUMBERS, NO_NUMBERS,
+        CONDENSED, 1, 1.0 / young, local / young, aside, compliance, table, NO_NUMBERS, NO_NUMBERS,
         np.zeros((3, 3 * size)), np.zeros(size), np.zeros(size), np.zeros((3, 3)),
     )  # fmt: skip
 
@@ -81,7 +82,7 @@ def plate_law() -> Law:
 
 def _local_law(kind: int) -> Law:
     nothing = NO_NUMBERS, np.zeros((3, 0)), NO_NUMBERS, NO_NUMBERS, np.zeros((3, 3))
-    return Law(kind, 0.0, 0.0, 0.0, NO_TABLE, NO_TABLE, nothing[0], *nothing)
+    return Law(kind, 1, 0.0, 0.0, 0.0, NO_TABLE, NO_TABLE, nothing[0], *nothing)
 
 
 @ieee_kernel
@@ -190,11 +191,24 @@ def _renew_condensed(
         if rubs:
             see_fields(law, side, j)
             _renew_drags(law, m, i, j, sign, here, (vector3(along, j), vector3(across, j)), more, drags)
+    if law.loaded == 0:
+        return
     # by forces at the terminals
-    put_column(side.response, side.kept, i, sign * law.scale, law.fields[0])
+    put_column(side.response, i, sign * law.scale, law.fields[0])
     for a in range(2 if rubs else 0):
-        put_column(side.aside, side.kept, a * count + i, law.scale, law.fields[a + 1])
-    age_rows(side.kept)
+        put_column(side.aside, a * count + i, law.scale, law.fields[a + 1])
+
+
+@ieee_kernel
+def fill_columns(law: Law, side: Record, sign: float, tangents: Tensor):
+    """`side.response` and `side.aside` of all candidates of a condensed organ, as of `renew_row`."""
+    for i in range(len(side.few)):
+        for a in range(1 + (2 if tangents.shape[1] > 0 else 0)):
+            field_of(law, side, i, vector3(side.normal if a == 0 else tangents[a - 1], i), law.fields[0])
+            if a == 0:
+                put_column(side.response, i, sign * law.scale, law.fields[0])
+            else:
+                put_column(side.aside, (a - 1) * len(side.few) + i, law.scale, law.fields[0])
 
 
 @kernel

@@ -2,11 +2,8 @@
 (`between_rows`). law, side  a `between_rows.Law`, and the candidates on this organ."""
 
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor, Vector3
+from palpate.physics.arrays import Array, Matrix, Record, Tensor, Vector3
 from palpate.physics.contact.organs.between import BLOCK
-
-KEPT, AGED = 1, 2
-"""Of a terminal: its rows of the response are those of the present places; of former ones. 0: of the start."""
 
 
 @kernel
@@ -104,47 +101,8 @@ def see_fields(law: Record, side: Record, j: int):
 
 
 @kernel
-def put_column(blocks: Tensor, kept: Indices, i: int, scale: float, field: Array):
-    """Write `scale` times a field (3V) to column i of a table in blocks (b,3V,4), at the terminals that are `KEPT`."""
+def put_column(blocks: Tensor, i: int, scale: float, field: Array):
+    """Write `scale` times a field (n) to column i of a table in blocks (b,n,4)."""
     block, lane = blocks[i // BLOCK], i % BLOCK
-    for v in range(len(kept)):
-        if kept[v] == KEPT:
-            for k in range(3 * v, 3 * v + 3):
-                block[k, lane] = scale * field[k]
-
-
-@kernel
-def age_rows(kept: Indices):
-    """The rows of all other terminals are those of former places."""
-    for v in range(len(kept)):
-        if kept[v] != KEPT:
-            kept[v] = AGED
-
-
-@kernel
-def keep_rows(law: Record, side: Record, sign: float, tangents: Tensor, v: int):
-    """Keep the rows of the terminals that carry a load on vertex v from now on; compute those that have aged."""
-    for a in range(3):
-        terminal = side.corners[v, a]
-        if side.weights[v, a] == 0.0 or side.kept[terminal] == KEPT:
-            continue
-        if side.kept[terminal] == AGED:
-            _renew_terminal(law, side, terminal, sign * law.scale, side.normal, 0, side.response)
-            for t in range(2 if tangents.shape[1] > 0 else 0):
-                _renew_terminal(law, side, terminal, law.scale, tangents[t], t * len(side.few), side.aside)
-        side.kept[terminal] = KEPT
-
-
-@kernel
-def _renew_terminal(law: Record, side: Record, v: int, scale: float, along: Matrix, begin: int, blocks: Tensor):
-    """Fill the rows of terminal v with `scale` times the displacement there by unit forces on the candidates along the
-    directions `along` (m,3); `begin`: the first column."""
-    for i in range(len(side.few)):
-        block, lane = blocks[(begin + i) // BLOCK], (begin + i) % BLOCK
-        for x in range(3):
-            moved, at = 0.0, 3 * v + x
-            for k in range(side.few[i]):
-                c, hat = 3 * side.coarse[i, k], side.hats[i, k]
-                for y in range(3):
-                    moved += hat * along[i, y] * law.compliance[c + y, at]
-            block[at, lane] = scale * moved
+    for k in range(len(field)):
+        block[k, lane] = scale * field[k]
