@@ -60,6 +60,7 @@ def come_back(own):
     put(state.force, force)
     put(state.brake, brake)
     state.energy, state.rise, state.contact = energy, GENTLE, contact
+    state.made = max(-energy, 0.0)
     own.least = min(energy, 0.0) - LENT
 
 
@@ -73,6 +74,7 @@ def forget_credit(own, released, dt):
     state = own.state
     if released:
         state.energy = min(state.energy, own.credit[0], own.credit[1])
+        state.made = max(state.made, -state.energy)
     own.interval += dt
     if own.interval > max(GAP, 3.0 * dt):
         own.credit[1], own.credit[0], own.interval = own.credit[0], state.energy, 0.0
@@ -137,6 +139,9 @@ class Haptic(CompiledNode):
     resolution           step of the device's position; 0: exact
     limit, slew          largest force, and its largest rate of change
     ramp                 time in which the largest force is permitted again after an outage
+    driven               1: another finger or a prescribed motion moves the tissue too, so that the hand may get more
+                         energy than it has put in; 0: only this finger; -1: determined when the graph is loaded (0
+                         without one)
 
     When the sender of friction disappears, friction fades out within 20 ms, and only the contact force remains. The
     force falls to zero within 4 ms while a contact, a pose, or an input of the contact's computation is missing, or
@@ -162,6 +167,7 @@ class Haptic(CompiledNode):
     limit: Annotated[float, "N", msgspec.Meta(gt=0)] = 9.0
     slew: Annotated[float, "N/s", msgspec.Meta(gt=0)] = 5000.0
     ramp: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.1
+    driven: Annotated[int, "1", msgspec.Meta(ge=-1, le=1)] = -1
 
     State = {
         "gains": GAINS, "state": STATE, "past": form(Past),  # of `physics.device.controller.haptic`
@@ -178,9 +184,10 @@ class Haptic(CompiledNode):
     def start(self) -> None:
         super().start()
         gains = self.own["gains"]
-        for name in GAINS.keys() - {"observes", "passive"}:
+        for name in GAINS.keys() - {"observes", "passive", "driven"}:
             gains[name] = getattr(self, name)
         gains["observes"], gains["passive"] = self.passivity or self.wants("energy"), self.passivity
+        gains["driven"] = self.driven == 1
         self.hold("past", rings(self.delay))
         begin(self.own["gain"], FALL, self.ramp)
         begin(self.own["friction"]["gain"], FADE, FADE)

@@ -47,6 +47,8 @@ def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fa
                 path.append(wire.producer)
 
 
+TISSUE = (Load, Surface, Contact, Contacts, OrganContact, Neighbour, Support)
+"""Messages by which what moves an organ moves another, or a finger on it."""
 MESH = ("surface", "vertices", "position", "rotation", "file_unit", "piece", "refine", "spacing")
 """Settings of the mesh whose vertices a load names."""
 
@@ -178,6 +180,22 @@ class ContactPaths:
                     f"`{joint}: {{in: {{proximity: [{', '.join([*known, finger])}]}}}}`, or one of its fingers here.",
                     approach[0].place, node=name, port=approach[0].port.name,
                 )  # fmt: skip
+
+    def place_driven(self, nodes: dict[str, NodeSpec]) -> None:
+        """Set `driven` of each controller: whether another finger, or a prescribed motion, moves the tissue that its
+        finger touches, directly or through other organs."""
+        tissue = [w for w in self.wires if issubclass(w.port.type, TISSUE)]
+        moving = {w.producer for w in tissue if issubclass(w.port.type, Support) and not self.incoming.get(w.producer)}
+        solvers = {name: {self._solver(contact) for contact in self.pressing(name)} for name in self._senders(Force)}
+        for name in self._senders(Force):
+            if nodes[name].settings.get("driven") != -1:
+                continue
+            reached = list(solvers[name])
+            for node in reached:
+                ends = [(w.producer, w.consumer) for w in tissue if node in (w.producer, w.consumer)]
+                reached += dict.fromkeys(end for pair in ends for end in pair if end not in reached)
+            fingers = sum(1 for touched in solvers.values() if not touched.isdisjoint(reached))
+            nodes[name].settings["driven"] = int(fingers > 1 or not moving.isdisjoint(reached))
 
     def _check_orders(self, faults: Faults) -> None:
         """A fault for each node with several multiple inputs whose senders belong to different fingers. Inputs of

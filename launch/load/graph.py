@@ -240,6 +240,7 @@ def _check_force_path(
     may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
     contacts = ContactPaths({n: s.cls for n, s in may.items()}, connections)
     contacts.place_shares(may, faults)
+    contacts.place_driven(may)
     contacts.check({n: s.place for n, s in may.items()}, faults)
     check_divisors(may, connections, faults)
     offered = _by_node(offers)

@@ -80,6 +80,38 @@ def test_a_surface_that_another_finger_lifts_is_touched_where_it_is(tmp_path):
         assert np.diff(trace["contact.force"]).max() < 0.3
 
 
+PUSHED = Touch(
+    Setting("two-balls", 600, "BeamBundle", "", 2000.0, 2, exact=True, width=0.0, more=("spread.radius=0.01",)),
+    (
+        Finger(
+            (-0.000181, -0.017106, -0.024115), (0.0003, -0.0115, -0.1183),
+            moves((4.2e-05, -0.015099, -0.018714), (0.001121, -0.005409, 0.00736), (0.000794, -0.005807, 0.007522),
+                  (-0.000508, -0.017505, -0.023954), times=(0.1153, 0.5, 0.5, 0.3895), holds=(0.231, 0.166),
+                  shapes=("minimum-jerk", "linear", "linear", "minimum-jerk")),
+        ),
+        Finger(
+            (-0.009499, -0.031392, 0.002785), (-0.0083, -0.0255, -0.1087),
+            moves((-0.007411, -0.023147, 0.000855), (-0.006529, -0.019666, 4.1e-05), (-0.007031, -0.019598, -0.000213),
+                  (-0.010001, -0.031324, 0.002532), times=(0.1744, 0.5, 0.5, 0.1196), holds=(0.215, 0.108),
+                  shapes=("minimum-jerk",) * 4),
+        ),
+    ),
+)  # fmt: skip
+"""The first finger raises the tissue under the second one, which then leaves it with energy of the first one."""
+
+
+def test_a_hand_that_another_finger_pushes_out_feels_the_contact_until_it_ends(tmp_path):
+    """The damping against generated energy took the force of the contact away, 0.2 of 0.22 N within 10 ms."""
+    first, second = traces_of([PUSHED], tmp_path)
+    work = np.cumsum((second["controller.force"][:-1] * np.diff(second["finger.position"], axis=0)).sum(axis=1))
+    assert work.max() > 0.1e-3, "the hand gets more than it has put in"
+    felt = (second["controller.force"] * second["contact.normal"]).sum(axis=1)
+    touching = second["contact.force"] > 0.0
+    assert np.abs(felt - second["contact.force"])[touching].max() < 0.02
+    for trace in (first, second):
+        assert not hand(trace).broken
+
+
 def check_random(count, seed, folder):
     """Neither the force of the contact nor that on the hand jumps, and both have the force of their depth."""
     rng = np.random.default_rng(seed)

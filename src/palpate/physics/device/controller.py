@@ -14,10 +14,20 @@ pairs each displacement with the force of `delay` samples before, the force that
 change of mode positive energy is discarded, and negative energy is kept; otherwise every bounce on a stiff wall would
 add energy.
 
-Negative energy need not come from this controller: two fingers exchange energy through the tissue. Dissipating it
-within one step would be a kick (0.5 mJ at 0.1 m/s: 5 N). So the damping force changes over a motion dx by at most
-K |dx|, as a contact would, with K = 0.1 N per encoder count (with exact positions the largest rendered stiffness), and
-it is at most
+Negative energy need not come from this controller: another finger, or an organ that moves, may push the hand out
+through the tissue. Where something else moves the tissue (`driven`), the controller counts what it has generated, the
+work of the force A that the contact asks for less that of the force on the hand,
+
+    G <- G + (F - A) . dx,    E >= min(0, -G)
+
+with A = f_n n - f_t at the end of dx, n the mean of both ends. Fingertip, tissue and friction are passive together, so
+that energy below -G has been put in by something else: the hand may have it. The work of the damping reduces G, and a
+change of mode sets it to the negative energy that is left. Without `driven` all negative energy counts, also that of a
+body that is not passive.
+
+Dissipating energy within one step would be a kick (0.5 mJ at 0.1 m/s: 5 N). So the damping force changes over a motion
+dx by at most K |dx|, as a contact would, with K = 0.1 N per encoder count (with exact positions the largest rendered
+stiffness), and it is at most
 
     sqrt(-2 K E)        the force from which it can fall to zero at that slope while it dissipates just -E
 
@@ -62,6 +72,7 @@ GAINS = {
     "mass": (), "drag": (),  # [kg], [N s/m] of the device
     "limit": (), "slew": (),  # [N], [N/s]
     "observes": bool, "passive": bool,  # whether the observer is on, and the passivity control
+    "driven": bool,  # whether something else than this finger moves the tissue
 }  # fmt: skip
 """Constants of the controller."""
 STATE = {
@@ -74,6 +85,7 @@ STATE = {
     "energy": (), "rise": (),  # [J] observed; [N/s] bound on the rise of the added damping, 0: none
     "impulse": (3,), "still": (),  # [N s] of the force in the time without movement; that time [s]
     "counted": (3,), "displacement": (3,),  # [m] position and last displacement that the observer counted
+    "made": (), "normal": (3,),  # [J] G; the normal at that position, 0 without contact
     "outward": (),  # [m/s] speed out of the surface
     "clock": (), "last": (),  # [s] time; last step
     "newest": int,  # newest row of the rings
@@ -150,6 +162,26 @@ def observe(state: Record, force: Array, x: float, y: float, z: float, dt: float
     put(counted, (x, y, z))
     put(last, (dx, dy, dz))
     return vx, vy, vz
+
+
+@ieee_kernel
+def admit(state: Record, before: float, force: float, n: Vector3, friction: Vector3):
+    """Bound the energy after a displacement by what the controller has generated, G, see above.
+
+    state        `STATE`, after `observe` has counted a displacement; changed in place
+    before  [J]  energy before it
+    force, n, friction  of the contact, as in `haptic`
+    """
+    dx, dy, dz = vector(state.displacement)
+    last = state.normal
+    along, former = n[0] * dx + n[1] * dy + n[2] * dz, last[0] * dx + last[1] * dy + last[2] * dz
+    touched = last[0] != 0.0 or last[1] != 0.0 or last[2] != 0.0
+    pressed = force * (0.5 * (along + former) if touched else along)
+    state.made += before - state.energy - (pressed - (friction[0] * dx + friction[1] * dy + friction[2] * dz))
+    state.energy = max(state.energy, min(-state.made, 0.0))
+    put(state.normal, n)
+    if not force > 0.0:
+        put(state.normal, (0.0, 0.0, 0.0))
 
 
 @ieee_kernel
@@ -259,6 +291,7 @@ def switch(
         state.contact = new
         if state.withheld == 0.0:  # else there was an outage, which does not end a touch
             state.energy = min(state.energy, 0.0)
+            state.made = -state.energy
             if not new:
                 state.rise = 0.0
     return new
@@ -353,7 +386,10 @@ def haptic(
     before = remember(state, past, dt)
     if gains.observes:
         bx, by, bz = vector(state.behind)
+        had = state.energy
         wx, wy, wz = observe(state, past.force[before], x + bx, y + by, z + bz, dt, gains.resolution)
+        if gains.driven and (wx, wy, wz) != (0.0, 0.0, 0.0):
+            admit(state, had, normal_force, n, friction)
     # Ignore a single late step: its lag would lower the stiffness, and a hand at rest would lose part of its force.
     last = state.last
     usual = last if 0.0 < 3.0 * last < dt else dt
