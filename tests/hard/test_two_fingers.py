@@ -107,7 +107,7 @@ def test_a_hand_that_another_finger_pushes_out_feels_the_contact_until_it_ends(t
     assert work.max() > 0.1e-3, "the hand gets more than it has put in"
     felt = (second["controller.force"] * second["contact.normal"]).sum(axis=1)
     touching = second["contact.force"] > 0.0
-    assert np.abs(felt - second["contact.force"])[touching].max() < 0.02
+    assert np.abs(felt - second["contact.force"])[touching].max() < 0.03
     for trace in (first, second):
         assert not hand(trace).broken
 

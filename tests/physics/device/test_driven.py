@@ -86,9 +86,20 @@ def test_energy_that_the_controller_generates_is_withheld_with_another_finger_as
     """The device has a fortieth of the drag that the controller knows, so it renders a wall that is not passive. The
     damping acts as where nothing else can move the wall, to the bit."""
     hand = (0.1, 100.0, 0.0, -3e-3)
-    one, other = (
-        touch(stiffness, rate, resolution, driven, lambda t: 0.0, hand, 1e-3, duration=1.5, drag=8.0)
-        for driven in (False, True)
+    one, other, free = (
+        touch(stiffness, rate, resolution, driven, lambda t: 0.0, hand, 1e-3, duration=1.5, drag=8.0, observes=observes)
+        for driven, observes in ((False, True), (True, True), (True, False))
     )
     assert np.array_equal(one, other)
-    assert other[1].min() < -0.03, "the damping acts"
+    assert np.abs(other[1] - free[1]).max() > 0.03, "the damping acts"
+
+
+@pytest.mark.parametrize(("stiffness", "rate"), [(1000.0, 4000.0), (1000.0, 10_000.0), (2500.0, 10_000.0)])
+def test_with_exact_positions_the_damping_changes_about_as_fast_as_the_contact(stiffness, rate):
+    """A heavy hand that throws the finger against a spring, which generates energy by the lag. The largest
+    rendered stiffness of 64 to 400 kN/m let the damping change by 9 to 18 times as much as the contact in a tick."""
+    contact, force, _, _, work = touch(
+        stiffness, rate, 0.0, False, lambda t: 0.0, (0.3, 500.0, 0.0, -2e-3), 1e-3, duration=1.5
+    )
+    assert -0.02e-3 < work.min() < -2e-6
+    assert np.abs(np.diff(force)).max() < 6.0 * np.abs(np.diff(contact)).max()
