@@ -28,7 +28,7 @@ body that is not passive.
 Dissipating energy within one step would be a kick (0.5 mJ at 0.1 m/s: 5 N). So the damping force changes over a motion
 dx by at most K |dx|, as the contact does: K is the largest slope of its force so far, but at least b/t of the device's
 drag b and the lag t of the loop, and at most 0.1 N per encoder count and the largest rendered stiffness, which it is
-where no slope is known. With exact positions that stiffness is 400 kN/m at 10 kHz, and the damping a kick of its own.
+where no slope is known. With exact positions that stiffness is 400 kN/m at 10 kHz, and the damping would be a kick.
 The force is at most
 
     sqrt(-2 K E)        from which it can fall to zero at that slope while it dissipates just -E
