@@ -73,7 +73,9 @@ def test_tissue_that_rises_pushes_a_hand_out_as_without_an_observer(rate, resolu
     _, alone, _, observed, own = touch(600.0, rate, resolution, False, rise, SOFT_HAND, turn=turn)
     assert contact.max() > 0.9 and work.min() < -2e-3
     count = 600.0 * resolution  # [N]; both hands pass a count in other ticks
-    assert np.abs(force - free).max() < 0.02 + count and force.min() > -1e-9
+    assert np.abs(force - free).max() < 0.02 + 1.5 * count and force.min() > -1e-9
+    if resolution == 0.0:
+        assert np.abs(force - contact)[contact > 0.0].max() < 0.005, "the lag damps the motion against the surface only"
     assert energy.min() > -5e-6
     assert np.abs(alone - free).max() > 0.06 + count
     assert observed == approx(own, abs=1e-9 if resolution == 0.0 else 0.1e-3)

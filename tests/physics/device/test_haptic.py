@@ -313,6 +313,17 @@ def test_an_oscillation_of_the_finger_is_not_motion_of_the_surface():
             assert moved < 1e-9
 
 
+@pytest.mark.parametrize("out", [0.0, 5e-6, 3e-5])
+def test_a_surface_that_compresses_a_finger_moving_out_has_moved_by_both(out):
+    """Without compression beyond the motion nothing is known of the surface; a retreat through tissue is none."""
+    surface, moved = blank_record(SURFACE), [0.0]
+    for k in range(300):
+        moved.append(lift(surface, 1e-3 + 1e-5 * k, -out, 0.0, T))
+    assert moved[-1] == approx(1e-5 + out, rel=1e-5)
+    surface = blank_record(SURFACE)
+    assert all(lift(surface, 2e-3 - 0.3 * out * k, -out, 0.0, T) == 0.0 for k in range(60))
+
+
 def test_the_spring_of_free_motion_pulls_to_its_start():
     law, (state, past), begin = gains(passive=False), buffers(0), np.array([0.02, -0.03, 0.05])
     law.stiffness = 50.0

@@ -246,7 +246,7 @@ def render(
     sx, sy, sz = place[0] - former[0], place[1] - former[1], place[2] - former[2]
     speed = (sx * n[0] + sy * n[1] + sz * n[2]) / elapsed
     state.outward += (speed - state.outward) * -math.expm1(-dt / SMOOTH)
-    leaving = max(state.outward, 0.0)
+    leaving = max(state.outward - closer / dt, 0.0)
     return shown, max(shown - compensation(min(steepness, most), lag, gains.drag) * leaving, 0.0)
 
 

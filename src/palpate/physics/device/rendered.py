@@ -4,7 +4,7 @@ A force that is held over a step T and `d` samples late lags the motion by t = T
 that lag acts like a spring with the damping -K t. Two measures prevent the display from generating energy:
 
     K <= b/t + SHARE m/t^2                  the largest rendered stiffness
-    B  = 4 max(0, K t - b/2)                damping while the finger moves out along the normal, for a rendered slope K
+    B  = 4 max(0, K t - b/2)                damping while the finger moves out of the surface, for a rendered slope K
 
 with the damping b [N s/m] and mass m [kg] of the device. Over a full oscillation B counts half, as it acts in one
 direction only. It lags as much as the spring, which the bound on K makes harmless: the phase lag t sqrt(K/m) stays
@@ -44,7 +44,8 @@ creeps, and the fit would know little of the press, so that any slide after it w
 Tissue that rises under a finger, because another finger or organ leaves it or pushes it there, raises the force without
 the hand. This counts as motion of the finger as well: what moves the surface pays for it. A finger compresses itself by
 at most the distance that it moves in or slides; what its compression grows beyond that, averaged over `CALM` so that
-oscillations of the finger cancel, is by the surface. (Where a whole organ moves, positions are those in the organ.)
+oscillations of the finger cancel, is by the surface. Where it grows while the finger moves out, the surface has moved
+by the sum. (Where a whole organ moves, positions are those in the organ.)
 
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound b > K T (d + 1/2).
 """
@@ -145,7 +146,7 @@ def lift(surface: Record, compression: float, way: float, sideways: float, dt: f
         surface.way += (bounded(way, most) - surface.way) * share
         surface.sideways += (bounded(sideways, most) - surface.sideways) * share
     surface.compression = compression
-    return max(surface.growth - max(surface.way, 0.0) - surface.sideways, 0.0)
+    return max(surface.growth - surface.way - surface.sideways, 0.0) if surface.growth > 0.0 else 0.0
 
 
 @kernel
