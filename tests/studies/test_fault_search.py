@@ -1,6 +1,7 @@
 """`palpate bench faults`: what it finds, and that it finds what is planted."""
 
 import json
+import random
 
 import pytest
 from typer.testing import CliRunner
@@ -9,6 +10,7 @@ from palpate.cli.__main__ import app
 from palpate.launch.run.work import expiry
 from palpate.studies.faults import search as searching
 from palpate.studies.faults.chain import Chain
+from palpate.studies.faults.draw import draw_faults
 from palpate.studies.faults.fault import Fault
 from palpate.studies.faults.judge import judge, needed_nodes
 from palpate.studies.faults.search import search
@@ -57,6 +59,42 @@ def test_a_pose_that_follows_the_device_gives_the_hand_no_energy():
 def test_a_seed_has_the_same_faults_and_forces_alone():
     alone, after = search(63, 1), search(62, 2)
     assert all(found in after.worst[name] for name, listed in alone.worst.items() for found in listed)
+
+
+@pytest.fixture(scope="module")
+def touched_by_two():
+    """As `touched`, with two fingers."""
+    (one,) = searching._seeds(20, 1, 2)
+    return one[1:]
+
+
+def test_random_faults_break_nothing_under_two_fingers(touched_by_two):
+    touch, run, _ = touched_by_two
+    for number in (20, 21):
+        faults = draw_faults(run, touch, random.Random(f"faults {number}"))
+        found = scores(touched_by_two, *faults)
+        assert set(found) == {"contact", "change", "return", "energy", "silence"}
+        assert not any(score.broken for score in found.values()), found
+
+
+def test_what_the_second_hand_feels_is_judged(touched_by_two, monkeypatch):
+    """Its controller stops, and its device holds the last torque; the first hand is not concerned."""
+    touch, run, base = touched_by_two
+    assert [hand.contact for hand in run.hands] == ["contact-1", "contact-2"] and len(base.hands) == 2
+    first, second = (needed_nodes(run, hand.device) for hand in run.hands)
+    assert {"finger-2", "controller-2", "statics-2"} <= second and "joint" in first & second
+    assert "controller-2" not in first and "controller-1" not in second
+    last = round((touch.duration - 0.35) * touch.rate)
+    stopped = Fault("stops", "controller-2", "", between(last - 80, last), "")
+    assert not scores(touched_by_two, stopped)["silence"].broken
+    monkeypatch.setattr(expiry, "HELD", 10.0)
+    monkeypatch.setattr(expiry, "RELEASED", 10.0)
+    assert scores(touched_by_two, stopped)["silence"].broken
+
+
+def test_faults_of_processes_have_no_fingers():
+    done = runner.invoke(app, ["bench", "faults", "--launcher", "--fingers", "2"])
+    assert done.exit_code == 2 and "--launcher" in done.output
 
 
 def test_the_device_needs_all_nodes_but_friction(touched):

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from heapq import heapify, heappop, heappush
 from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
@@ -17,7 +17,7 @@ from palpate.launch.run.assign import jobs
 from palpate.launch.run.wire.wires import blocked_by
 from palpate.launch.run.work.expiry import end_inputs
 from palpate.launch.run.work.real import take_inputs
-from palpate.messages import Message, Pose, Torque
+from palpate.messages import Contact, DeviceState, Force, Message, Pose, Torque
 from palpate.nodes.device import Simulated
 
 Lost = Callable[[str, str, int], bool]
@@ -33,6 +33,15 @@ ELSEWHERE: Any = object()
 def nothing(stream: str, reader: str, tick: int) -> bool:
     """Lose no message."""
     return False
+
+
+class Hand(NamedTuple):
+    """The device of a hand, the nodes with its pose and its controller, and the stream of its contact."""
+
+    device: Slot
+    pose: Slot
+    controller: Slot | None
+    contact: str
 
 
 class _Clock:
@@ -108,13 +117,15 @@ class Chain:
         for _ in range(ticks):
             self._tick([slot for slot in self.slots if slot.name != stopped])
 
-    def play(self, poses: Iterable[Pose]) -> None:
-        """Run the nodes after the first pose of the graph, with these poses in its place, one for each tick."""
-        first = next(slot for slot in self.slots if any(output.kind is Pose for output in slot.outputs))
-        stream = next(output.stream for output in first.outputs if output.kind is Pose)
-        after = [slot for slot in self.slots if slot is not first and not slot.node.paced]
-        for pose in poses:
-            self._send(stream, replace(pose, tick=self.tick, time=self.tick * self.clock.period))
+    def play(self, poses: Iterable[Sequence[Pose]]) -> None:
+        """Run the nodes after the first poses of the graph, with these in their place: for each tick one of each hand,
+        in the order of `hands`."""
+        first = [hand.pose for hand in self.hands]
+        streams = [next(output.stream for output in slot.outputs if output.kind is Pose) for slot in first]
+        after = [slot for slot in self.slots if slot not in first and not slot.node.paced]
+        for row in poses:
+            for stream, pose in zip(streams, row, strict=True):
+                self._send(stream, replace(pose, tick=self.tick, time=self.tick * self.clock.period))
             self._tick(after)
 
     def _tick(self, slots: Sequence[Slot]) -> None:
@@ -199,13 +210,39 @@ class Chain:
             self.events.append((self.tick, event, where))
 
     @property
+    def hands(self) -> list[Hand]:
+        """The hands, each on a device."""
+        return [self._hand(slot) for slot in self.slots if slot.node.paced]
+
+    def _hand(self, device: Slot) -> Hand:
+        """A hand by the nodes that its torque comes through, backwards to its contact."""
+        senders = {output.stream: (slot, output.kind) for slot in self.slots for output in slot.outputs}
+        pose = next(slot for slot in self._readers(device) if any(output.kind is Pose for output in slot.outputs))
+        found, controller, contact = [device], None, ""
+        for slot in found:
+            for stream in (port.stream for port in slot.inputs):
+                sender, kind = senders.get(stream, (device, DeviceState))
+                if kind is Force:
+                    controller = sender
+                if kind is Contact and slot is controller:
+                    contact = stream
+                if kind in (Torque, Force) and sender not in found:
+                    found.append(sender)
+        return Hand(device, pose, controller, contact)
+
+    def _readers(self, slot: Slot) -> list[Slot]:
+        streams = {output.stream for output in slot.outputs}
+        return [reader for reader in self.slots if any(port.stream in streams for port in reader.inputs)]
+
+    @property
     def device(self) -> Slot:
-        """The paced node."""
+        """The first paced node."""
         return next(slot for slot in self.slots if slot.node.paced)
 
-    def torque(self) -> float:
-        """The largest torque that the device uses after its last step."""
-        node, held, sent = self.device.node, self.device.inputs[0].message, self.device.outputs[0].last
+    def torque(self, device: Slot | None = None) -> float:
+        """The largest torque that a device, by default the first one, uses after its last step."""
+        slot = device or self.device
+        node, held, sent = slot.node, slot.inputs[0].message, slot.outputs[0].last
         if isinstance(node, Simulated):
             return float(max(map(abs, node.own["applied"])))
         there = isinstance(held, Torque) and sent is not None and sent.used[0] >= 0

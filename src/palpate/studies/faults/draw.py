@@ -12,11 +12,12 @@ from palpate.studies.faults.chain import Chain
 from palpate.studies.faults.fault import CAUSES, KINDS, OF_MESSAGES, Fault
 from palpate.studies.faults.touch import Felt
 
+TWO = "palpate-two"
+FINGERS = {"index": 9e-3, "middle": -9e-3}  # [m] of this graph: their hands in the scene, and where they touch
 GRAPHS = {"kidney": 6, "nodule": 1, "texture": 1}
 BODIES = {"MassSpring": 4, "ReducedFE": 2, "BeamBundle": 2, "Rigid": 1}
 RATES = {1000: 4, 500: 1, 2000: 1}  # [Hz]
 REST = 0.35  # [s] of the last press, held after the last fault has ended
-STAYS = ("device",)  # the simulated hand belongs to it
 HEIGHT = 0.110  # [m] of the hand over the origin before the touch
 
 
@@ -57,6 +58,26 @@ def draw_touch(random_: random.Random) -> Touch:
         f"tissue.use=deformation.{body}",
     ]  # fmt: skip
     return Touch(graph, tuple(sets), time + REST, float(rate))
+
+
+def draw_two(random_: random.Random) -> Touch:
+    """As `draw_touch`, with two fingers on one tissue, in turns or together."""
+    body = random_.choices(list(BODIES), list(BODIES.values()))[0]
+    rate = random_.choices(list(RATES), list(RATES.values()))[0]
+    middle, end = random_.uniform(-0.01, 0.01), 0.0
+    sets: list[str] = []
+    for name, aside in FINGERS.items():
+        at, time = [middle + aside, 0.0, HEIGHT], random_.choice([0.0, 0.1, 0.3])
+        begin = list(at)
+        path: list[dict[str, object]] = [{"hold": time}] if time else []
+        for _ in range(random_.choice([1, 2, 3])):
+            slides = random_.choice([0.0, 0.0, 0.01])
+            height = random_.choice([random_.uniform(0.094, 0.103), random_.uniform(0.094, 0.103), HEIGHT])
+            time += _move(path, at, [at[0] + random_.uniform(-slides, slides), 0.0, height], random_)
+        time += _move(path, at, [at[0], 0.0, random_.uniform(0.096, 0.102)], random_)
+        sets += [f"scene.{name}.begin={json.dumps(begin)}", f"scene.{name}.path={json.dumps(path)}"]
+        end = max(end, time)
+    return Touch(TWO, (*sets, f"rate={rate}", f"tissue.use=deformation.{body}"), end + REST, float(rate))
 
 
 def _move(path: list[dict[str, object]], at: list[float], to: list[float], random_: random.Random) -> float:
@@ -100,7 +121,7 @@ def _fault(
         length = max(1, round(random_.choice([1, 3, 8, 15, 40, 200]) * ms))
         return Fault(kind, "", "", when, f"for {length / ms:g} ms at the first of {words}", length=length)
     if kind not in OF_MESSAGES:
-        return Fault(kind, random_.choice([s.name for s in run.slots if s.name not in STAYS]), "", when, words)
+        return Fault(kind, random_.choice([s.name for s in run.slots if not s.node.paced]), "", when, words)
     stream, reader = random_.choice([(p.stream, slot.name) for slot in run.slots for p in slot.inputs if p.stream])
     reader = random_.choice([reader, ""])
     delay, seed = random_.randint(1, max(1, round(9 * ms))), random_.random()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.physics.archive import replace_text
+from palpate.studies.faults.draw import TWO
 from palpate.studies.faults.fault import KINDS
 from palpate.studies.faults.search import Found, Results
 
@@ -40,12 +41,12 @@ def text(results: Results, count: int) -> str:
         lines.append(f"{name:10}{results.broken[name]:>8}{most:>8.3g}  {ABOUT[name]}")
     lines += ["", "The nearest to their bounds:", ""]
     for found in worst(results, count):
-        s, unit = found.score, UNITS[found.invariant]
+        s, unit, two = found.score, UNITS[found.invariant], " --fingers 2" if found.touch.graph == TWO else ""
         bound = f"bound {s.bound:.4g}" if s.least is None else f"at least {s.least:.4g}"
         lines += [
             f"{found.invariant}: {s.value:.4g} {unit} at {s.time:.4f} s, {bound} {unit} ({s.score:.3g} x)",
             *(f"    {fault}" for fault in found.faults),
-            f"    palpate bench faults --seed {found.seed} --seeds 1",
+            f"    palpate bench faults --seed {found.seed} --seeds 1{two}",
             f"    {found.touch.command()}",
             *(f"        {event}" for event in found.events),
             "",

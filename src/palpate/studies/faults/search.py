@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from palpate.nodes.controller import Haptic
 from palpate.studies.faults.chain import Chain
-from palpate.studies.faults.draw import Touch, draw_faults, draw_touch
+from palpate.studies.faults.draw import Touch, draw_faults, draw_touch, draw_two
 from palpate.studies.faults.fault import Fault, suffer
 from palpate.studies.faults.judge import judge
 from palpate.studies.faults.reduced import reduce_faults
@@ -54,10 +54,13 @@ class Results:
         del listed[KEPT:]
 
 
-def search(seed: int, count: int, done: Callable[[float, Results], None] = lambda share, results: None) -> Results:
-    """Judge the seeds from `seed` on; `done` is called after each with the share of the work."""
+def search(
+    seed: int, count: int, done: Callable[[float, Results], None] = lambda share, results: None, fingers: int = 1
+) -> Results:
+    """Judge the seeds from `seed` on, of touches with one finger or two; `done` is called after each with the share of
+    the work."""
     results = Results()
-    for number, touch, run, base in _seeds(seed, count):
+    for number, touch, run, base in _seeds(seed, count, fingers):
         faults = draw_faults(run, touch, random.Random(f"faults {number}"))
         scores = judge(run, touch, faults, base)
         results.seeds += 1
@@ -72,22 +75,22 @@ def search(seed: int, count: int, done: Callable[[float, Results], None] = lambd
     return results
 
 
-def _seeds(first: int, count: int) -> Iterator[tuple[int, Touch, Chain, Felt]]:
+def _seeds(first: int, count: int, fingers: int = 1) -> Iterator[tuple[int, Touch, Chain, Felt]]:
     """Each seed with its touch, the chain that computes it, and what is felt without faults."""
     touch = None
     for number in range(first, first + count):
         if touch is None or number % BLOCK == 0:
-            touch, run, base = _touch(random.Random(f"touch {number // BLOCK}"))
+            touch, run, base = _touch(random.Random(f"touch {number // BLOCK}"), fingers)
         yield number, touch, run, base
 
 
-def _touch(random_: random.Random) -> tuple[Touch, Chain, Felt]:
-    """A touch that the device can display: its contact force is at most the controller's limit."""
+def _touch(random_: random.Random, fingers: int) -> tuple[Touch, Chain, Felt]:
+    """A touch that the device can display: the contact force of each finger is at most the controller's limit."""
     while True:
-        touch = draw_touch(random_)
+        touch = draw_two(random_) if fingers == 2 else draw_touch(random_)
         run = Chain(touch.launch())
         base = feel(run, round(touch.duration * touch.rate))
-        if LEAST < base.contact <= Haptic.limit:
+        if all(LEAST < each.contact <= Haptic.limit for each in base.hands):
             return touch, run, base
 
 

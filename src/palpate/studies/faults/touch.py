@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from palpate.messages import Message, Pose
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.falcon_statics import force_kernel
-from palpate.studies.faults.chain import Chain
+from palpate.studies.faults.chain import Chain, Hand
 
 Place = tuple[float, float, float]
 
@@ -24,6 +25,7 @@ class Felt:
     worst   the tick of the largest contact force
     sent    the tick of the last one
     places  [m] of the hand at each tick
+    others  the same of further hands
     """
 
     contact: float = 0.0
@@ -38,56 +40,95 @@ class Felt:
     worst: int = 0
     sent: int = 0
     places: list[Place] = field(default_factory=list)
+    others: list[Felt] = field(default_factory=list)
+
+    @property
+    def hands(self) -> list[Felt]:
+        """Of all hands."""
+        return [self, *self.others]
 
 
 def feel(run: Chain, ticks: int, each: Callable[[int, Felt], None] = lambda tick, felt: None) -> Felt:
-    """One touch of a simulated Falcon, with the faults of the chain; `each` is called before each tick."""
-    felt, energy, before = Felt(), 0.0, np.zeros(3)
+    """One touch of simulated Falcons, with the faults of the chain; `each` is called before each tick with what the
+    first hand feels."""
+    hands = [_Feeling(hand, Felt()) for hand in run.hands]
+    first = hands[0].felt
+    first.others = [hand.felt for hand in hands[1:]]
+    of = {hand.contact: hand.felt for hand in hands}
 
     def sent(stream: str, message: Message) -> None:
-        if stream == "contact":
+        if stream in of:
+            felt = of[stream]
             felt.force, felt.sent = message.force, run.tick  # type: ignore[attr-defined]
             if not felt.force <= felt.contact:  # also NaN
                 felt.contact, felt.worst = felt.force, run.tick
 
     run.begin()
     run.sent = sent
-    node, geometry, dt = run.device.node, FALCON.geometry, 1.0 / run.rate
-    own = node.own  # type: ignore[attr-defined]
-    place = own["motion"]["position"].copy()
+    for hand in hands:
+        hand.begin()
     for k in range(ticks):
-        each(k, felt)
+        each(k, first)
         run.run(1)
-        force = np.array(force_kernel(geometry, *own["applied"], *place)[1:])
+        for hand in hands:
+            hand.look(1.0 / run.rate)
+    return first
+
+
+class _Feeling:
+    """What a hand feels; `look` after each tick."""
+
+    def __init__(self, hand: Hand, felt: Felt) -> None:
+        self.node: Any = hand.device.node
+        self.contact, self.felt = hand.contact, felt
+
+    def begin(self) -> None:
+        self.place, self.before = self.node.own["motion"]["position"].copy(), np.zeros(3)
+
+    def look(self, dt: float) -> None:
+        felt, own, place = self.felt, self.node.own, self.place
+        force = np.array(force_kernel(FALCON.geometry, *own["applied"], *place)[1:])
         step = own["motion"]["position"] - place
-        energy -= force @ step
+        felt.taken -= force @ step
         felt.hand, felt.speed = float(np.linalg.norm(force)), float(np.linalg.norm(step)) / dt
         felt.approach = -float(step[2]) / dt
         felt.without += dt * (felt.hand < 0.5 * felt.force)
-        place = own["motion"]["position"].copy()
-        felt.change = max(felt.change, float(np.linalg.norm(force - before)))
-        felt.energy, felt.taken = min(felt.energy, energy), energy
-        x, y, z = place + np.array(node.origin)  # type: ignore[attr-defined]
+        self.place = place = own["motion"]["position"].copy()
+        felt.change = max(felt.change, float(np.linalg.norm(force - self.before)))
+        felt.energy = min(felt.energy, felt.taken)
+        x, y, z = place + np.array(self.node.origin)
         felt.places.append((float(x), float(y), float(z)))
-        before = force
-    return felt
+        self.before = force
 
 
-def same_motion(run: Chain, places: Sequence[Place]) -> tuple[float, float]:
-    """The largest and the last contact force [N] of the same motion without faults."""
-    forces = [0.0]
+def same_motion(run: Chain, *places: Sequence[Place]) -> tuple[float, float]:
+    """The largest and the last contact force [N] of the first hand in the same motion without faults.
+
+    places  of each hand
+    """
+    return same_motions(run, *places)[0]
+
+
+def same_motions(run: Chain, *places: Sequence[Place]) -> list[tuple[float, float]]:
+    """As `same_motion`, of each hand."""
+    streams = [hand.contact for hand in run.hands]
+    forces: dict[str, list[float]] = {stream: [0.0] for stream in streams}
 
     def sent(stream: str, message: Message) -> None:
-        if stream == "contact":
-            forces.append(message.force)  # type: ignore[attr-defined]
+        if stream in forces:
+            forces[stream].append(message.force)  # type: ignore[attr-defined]
 
     run.begin()
     run.sent = sent
-    run.play(
-        Pose(position=here, velocity=_velocity(here, before, run.rate), dt=1.0 / run.rate)
+    run.play(zip(*(_poses(each, run.rate) for each in places), strict=True))
+    return [(max(forces[stream]), forces[stream][-1]) for stream in streams]
+
+
+def _poses(places: Sequence[Place], rate: float) -> list[Pose]:
+    return [
+        Pose(position=here, velocity=_velocity(here, before, rate), dt=1.0 / rate)
         for here, before in zip(places, [places[0], *places], strict=False)
-    )
-    return max(forces), forces[-1]
+    ]
 
 
 def _velocity(here: Place, before: Place, rate: float) -> Place:

@@ -24,6 +24,7 @@ def faults(
     launcher: Annotated[
         bool, typer.Option("--launcher", help="Faults of processes and of their connections, instead of messages.")
     ] = False,
+    fingers: Annotated[int, typer.Option(help="Fingers of each touch, each on a separate device.", min=1, max=2)] = 1,
     out: Annotated[Path, out_option("Folder of the report.")] = Path("faults"),
     as_json: Json = False,
 ) -> None:
@@ -44,6 +45,8 @@ def faults(
         from palpate.studies.faults.launcher import report, search
     else:
         from palpate.studies.faults import report, search  # type: ignore[no-redef]
+    if launcher and fingers != 1:
+        raise typer.BadParameter("not with --launcher, whose runs have no hand", param_hint="--fingers")
     what = "runs" if launcher else "touches"
     with StageBars(silent=as_json) as bars:
         done = bars.begin(f"bench faults: {seeds} {what}", "")
@@ -51,7 +54,7 @@ def faults(
         def show(share: float, found: Any) -> None:
             done(share, f"{found.broken.total()} broken")
 
-        results: Any = search.search(seed, seeds, show)
+        results: Any = search.search(seed, seeds, show, **({} if launcher else {"fingers": fingers}))
     files = report.write_report(results, out, worst)
     if as_json:
         print_json(report.plain(results, worst) | {"files": {name: str(file) for name, file in files.items()}})
