@@ -5,7 +5,8 @@ contact   each contact presses at most `OVER` times as hard as without faults, o
 change    the force on the hand changes by at most `TURNED` times the slew rate of the controller, because the legs of
           the device turn while it holds its torques
 energy    from an outage until its force has fully returned the display gives out at most `ENERGY`, plus `POWER` after
-          `PATIENCE` (docs/equations/controller.md); to all hands together, which exchange energy through the tissue
+          `PATIENCE` (docs/equations/controller.md); to several hands, which exchange energy through the tissue, together
+          at most that for each
 silence   the device is without torque `SILENCE` after a node that its force needs has stopped or died
 return    at rest, `draw.REST` after the last fault, the contact has at least `LEFT` of the force of the same motion
 finite    all forces are numbers
@@ -124,7 +125,7 @@ class _Energy:
         if outage == 0.0:
             self.begin = min(taken, 0.0)
             return
-        bound = ENERGY + POWER * max(outage - PATIENCE, 0.0)
+        bound = len(felt.hands) * (ENERGY + POWER * max(outage - PATIENCE, 0.0))
         score = _over(self.begin - taken, bound, tick / self.rate)
         self.score = max(self.score, score, key=lambda one: one.score)
 
