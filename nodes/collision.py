@@ -30,7 +30,7 @@ from palpate.physics.geometry.search.foot import FOOT
 from palpate.physics.geometry.search.samples import CLUSTER, SAMPLE, SPACING
 from palpate.physics.geometry.topology import edge_counts
 
-_points_of, _cells_of, _discs_of = map(array_of, (POINTS, CELLS, DISCS))
+_points_of, _cells_of, _discs_of, _work_of = map(array_of, (POINTS, CELLS, DISCS, mesh_closest.WAITING))
 _samples_of, _clusters_of = array_of(element_type(SAMPLE)), array_of(element_type(CLUSTER))
 
 TRAILS = 0.5e-3  # [m] distance of the foot from the nearest point above which it is reported
@@ -224,7 +224,7 @@ class Mesh(_Nearest, OnSurface):
     def compute(own, pose: Pose, out: Out[Proximity], dt):
         follow_mesh(
             _points_of(own.points), _cells_of(own.cells), _discs_of(own.discs), longs(own.star_at), integers(own.star),
-            vector(pose.position), own.hysteresis, own.tracked, longs(own.work), own.foot, own.memory, dt,
+            vector(pose.position), own.hysteresis, own.tracked, _work_of(own.work), own.foot, own.memory, dt,
         )  # fmt: skip
         if own.share.shape[0] > 0:
             t, v, w = own.memory.shown, own.foot.place[0], own.foot.place[1]

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.compiler.fields import blank_record
+from palpate.compiler.fields import blank_record, element_type
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
 from palpate.physics.arrays import Indices, Matrix, Record
@@ -20,6 +20,8 @@ from palpate.physics.geometry.search.foot import FOOT, find_feet
 from palpate.physics.geometry.search.morton import morton_order
 
 STACK = 128  # nodes of the tree that wait for the search
+WAITING = element_type({"node": int, "away": ()})
+"""A node of the tree that waits for the search, and its squared distance [m²] from the point."""
 TRACKED = {"exists": bool, "triangle": int, "nearest": int}
 """From step to step: whether a last foot point exists, and its triangle. Of the last step: that of the nearest
 point."""
@@ -39,7 +41,7 @@ class MeshClosestPoint:
 
     def scratch(self) -> tuple[Record, np.ndarray, Record]:
         """State, workspace and result of `track_mesh`."""
-        return blank_record(TRACKED), np.zeros(STACK, dtype=np.int64), blank_record(FOOT)
+        return blank_record(TRACKED), np.zeros(STACK, WAITING), blank_record(FOOT)
 
     def find(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Foot points [m] (...,3), outward normals [1] (...,3), triangles (...) and signed distances [m] (...),
@@ -65,7 +67,7 @@ class MeshClosestPoint:
         no search is needed where the descent from the last foot ends nearer than an earlier point was."""
         order = morton_order(points)
         ordered = np.ascontiguousarray(points[order], dtype=float)
-        distance, at = _farthest(*self.tables.arrays, ordered, np.zeros(STACK, dtype=np.int64))
+        distance, at = _farthest(*self.tables.arrays, ordered, np.zeros(STACK, WAITING))
         return float(distance), int(order[at])
 
     def beyond(self, points: np.ndarray, distance: float) -> np.ndarray:
@@ -73,7 +75,7 @@ class MeshClosestPoint:
         `find`: (n,)."""
         beyond, order = np.empty(len(points), bool), morton_order(points)
         found, ordered = np.empty(len(points), bool), np.ascontiguousarray(points[order], dtype=float)
-        _farther(*self.tables.arrays, ordered, distance * distance, np.zeros(STACK, dtype=np.int64), found)
+        _farther(*self.tables.arrays, ordered, distance * distance, np.zeros(STACK, WAITING), found)
         beyond[order] = found
         return beyond
 
@@ -95,7 +97,7 @@ def track_mesh(
     p2: float,
     hysteresis: float,
     tracked: Record,
-    work: Indices,
+    work: Record,
     foot: Record,
 ):
     """The foot of p = (p0, p1, p2) [m].
@@ -157,7 +159,7 @@ def _find(
     queries: Matrix,
     along: bool,
     tracked: Record,
-    work: Indices,
+    work: Record,
     feet: Record,
 ):
     for k in range(len(queries)):
@@ -167,7 +169,7 @@ def _find(
 
 @kernel
 def _farthest(
-    points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, queries: Matrix, work: Indices
+    points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, queries: Matrix, work: Record
 ):
     """The largest distance [m] of the queries (n,3), and which of them has it."""
     most, t, farthest = 0.0, 0, 0
@@ -186,7 +188,7 @@ def _farthest(
 @kernel
 def _farther(
     points: Record, cells: Record, discs: Record, star_at: Indices, star: Indices, queries: Matrix, most: float,
-    work: Indices, found: Indices,
+    work: Record, found: Indices,
 ):  # fmt: skip
     """Fill in whether the squared distance of each of the queries (n,3) is above `most` [m²]."""
     t, limit = 0, most * (1.0 + 1e-12)
@@ -302,7 +304,7 @@ def _search(
     p2: float,
     best: int,
     least: float,
-    work: Indices,
+    work: Record,
 ):
     """The nearest triangle by depth-first search, or `best` if none is nearer than its squared distance `least`."""
     count, leaves = len(cells), len(discs) // 2
@@ -312,10 +314,10 @@ def _search(
     while True:
         if node < leaves:
             left, right = _disc(discs[2 * node], p0, p1, p2), _disc(discs[2 * node + 1], p0, p1, p2)
-            if min(left, right) < least:
-                node = 2 * node if left <= right else 2 * node + 1
-                if max(left, right) < least:
-                    work[depth] = node ^ 1
+            node, near, far = (2 * node, left, right) if left <= right else (2 * node + 1, right, left)
+            if near < least:
+                if far < least:
+                    work[depth].node, work[depth].away = node ^ 1, far
                     depth += 1
                 continue
         else:
@@ -327,8 +329,8 @@ def _search(
         node = 0
         while depth > 0 and node == 0:
             depth -= 1
-            if _disc(discs[work[depth]], p0, p1, p2) < least:
-                node = work[depth]
+            if work[depth].away < least:
+                node = work[depth].node
         if node == 0:
             return best
 

@@ -393,7 +393,7 @@ def follow_mesh(
     point: Vector3,
     hysteresis: float,
     tracked: Record,
-    work: Indices,
+    work: Record,
     foot: Record,
     memory: Record,
     dt: float,

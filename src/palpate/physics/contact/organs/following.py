@@ -39,7 +39,7 @@ from palpate.physics.contact.organs.candidates import Candidates
 from palpate.physics.contact.organs.surface_cells import surface_cells
 from palpate.physics.geometry.bvh import CELLS, DISCS, POINTS
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.mesh_closest import TRACKED, MeshClosestPoint
+from palpate.physics.geometry.mesh_closest import TRACKED, WAITING, MeshClosestPoint
 from palpate.physics.geometry.search.foot import FEET
 
 FINEST, COARSER = 5e-5, 0.2  # [m], [1] slide after which gap and normal of a cell are computed again
@@ -111,7 +111,7 @@ class Track(NamedTuple):
     star_at: Annotated[np.ndarray, "<i8", 1]
     star: Annotated[np.ndarray, "<i4", 1]
     tracked: Annotated[np.ndarray, TRACKED_TYPE, 1]
-    work: Annotated[np.ndarray, "<i8", 1]
+    work: Annotated[np.ndarray, WAITING, 1]
     foot: Annotated[np.ndarray, FEET, 1]
 
 

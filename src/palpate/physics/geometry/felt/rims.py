@@ -173,8 +173,8 @@ def resting(
         axis /= np.maximum(length, 1e-12)[:, None]
         two = (length > SAME * radius) & (length < 1.999 * radius)
         # a point of the same rim: the nearest centre may lie ahead along it, but the ball touches it from across
-        ahead = nearest_points(touched, rim[left] + SAME * radius * axis)[1]
-        along, two = two & (ahead < ACROSS * SAME * radius), two & (ahead >= ACROSS * SAME * radius)
+        leads = touched.beyond(rim[left] + SAME * radius * axis, ACROSS * SAME * radius)
+        along, two = two & ~leads, two & leads
         some, t = left[along], axis[along]
         for each, begin in ((centre, rim), (query, rim), (over, np.zeros_like(rim))):
             each[some] -= einsum("ij,ij->i", each[some] - begin[some], t)[:, None] * t
