@@ -15,6 +15,7 @@ from palpate.compiler.kernel import kernel
 from palpate.compiler.records import vector
 from palpate.physics.arrays import Array, Indices, Matrix, Record
 from palpate.physics.geometry.search.corners import boxes_of, stars, weld
+from palpate.physics.geometry.search.halves import halved_order
 from palpate.physics.geometry.search.morton import morton_order
 
 LEAF = 4
@@ -24,9 +25,9 @@ FLAT = 1e-12  # [1] A triangle is degenerate if its area over its longest edge s
 POINT = {"position": (3,), "normal": (3,)}
 """A vertex: position [m], outward unit normal [1]."""
 INDEX, THREE = np.dtype("<i4"), np.dtype(("<i4", 3))
-CELL = {"corners": THREE, "across": THREE, "kind": INDEX, "origin": INDEX}
+CELL = {"corners": THREE, "across": THREE, "kind": INDEX, "origin": INDEX, "rank": INDEX}
 """A triangle: its corners; its neighbours across its edges (corner i to i+1; -1 at a border); 0, or 1 + its longest
-edge if it is degenerate; its index in the mesh."""
+edge if it is degenerate; its index in the mesh; its place on the Morton curve."""
 DISC = {"centre": (3,), "axis": (3,), "radius": (), "height": ()}
 """The bound of a node of the tree: a cylinder with this centre [m], axis [1], radius and half height [m]."""
 MOMENTS = {"corners": (3,), "normals": (3,), "count": ()}
@@ -40,7 +41,7 @@ class MeshTables:
 
     points: np.ndarray  # (V) `POINT`; equal positions are merged
     cells: np.ndarray  # (T) `CELL` of each triangle in the order of the tree
-    discs: np.ndarray  # (N) `DISC` of each node; node 0 is unused, node 1 the root
+    discs: np.ndarray  # (2N) `DISC` of each node, node 0 is unused, node 1 the root; then those of the Morton tree
     star_at: np.ndarray  # (V+1) index in `star` where the list of each vertex begins
     star: np.ndarray  # (3T) the triangles round each vertex
 
@@ -78,9 +79,24 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray, facing: np.ndarray 
     if facing is not None:
         points["normal"] = np.where((facing != 0.0).any(axis=1, keepdims=True), facing, points["normal"])
     leaves = 1 << (-(-len(triangles) // LEAF) - 1).bit_length()
-    discs = np.zeros(2 * leaves, DISCS)
-    _discs(vertices, triangles, leaves, np.zeros(2 * leaves, element_type(MOMENTS)), discs)
+    discs = np.zeros(4 * leaves, DISCS)
+    _discs(vertices, triangles, leaves, np.zeros(2 * leaves, element_type(MOMENTS)), discs[2 * leaves :])
+    halved = halved_order((low + high)[order], leaves)
+    triangles, cells, star = _renumbered(triangles, cells, star, halved)
+    _discs(vertices, triangles, leaves, np.zeros(2 * leaves, element_type(MOMENTS)), discs[: 2 * leaves])
     return MeshTables(points, cells, discs, star_at, star)
+
+
+def _renumbered(
+    triangles: np.ndarray, cells: np.ndarray, star: np.ndarray, order: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Triangles (T,3), their cells and the lists round vertices, whose order stays, with the triangles in an order."""
+    number = np.empty(len(order), np.int32)
+    number[order] = np.arange(len(order), dtype=np.int32)
+    cells = cells[order]
+    cells["rank"] = order
+    cells["across"] = np.where(cells["across"] >= 0, number[cells["across"]], -1)
+    return triangles[order], cells, number[star]
 
 
 @kernel

@@ -307,16 +307,16 @@ def _search(
     work: Record,
 ):
     """The nearest triangle by depth-first search, or `best` if none is nearer than its squared distance `least`."""
-    count, leaves = len(cells), len(discs) // 2
-    depth, node = 0, 1
-    if _disc(discs[1], p0, p1, p2) >= least:
+    count, leaves = len(cells), len(discs) // 4
+    depth, node, start = 0, 1, best
+    if _disc(discs[1], p0, p1, p2) > least:
         return best
     while True:
         if node < leaves:
             left, right = _disc(discs[2 * node], p0, p1, p2), _disc(discs[2 * node + 1], p0, p1, p2)
             node, near, far = (2 * node, left, right) if left <= right else (2 * node + 1, right, left)
-            if near < least:
-                if far < least:
+            if near <= least:
+                if far <= least:
                     work[depth].node, work[depth].away = node ^ 1, far
                     depth += 1
                 continue
@@ -324,15 +324,32 @@ def _search(
             leaf = node - leaves
             for t in range(leaf * count // leaves, (leaf + 1) * count // leaves):
                 f, _, _, _ = _on_triangle(points, cells, t, p0, p1, p2)
-                if f < least:
+                if f < least or (f == least and best != start and _before(cells, discs, t, best, p0, p1, p2)):
                     least, best = f, t
         node = 0
         while depth > 0 and node == 0:
             depth -= 1
-            if work[depth].away < least:
+            if work[depth].away <= least:
                 node = work[depth].node
         if node == 0:
             return best
+
+
+@kernel
+def _before(cells: Record, discs: Record, t: int, other: int, p0: float, p1: float, p2: float):
+    """Whether a depth-first search of the Morton tree, the nearer node first, visits a triangle before another one.
+
+    Triangles at a vertex or an edge are equally near. This order determines which one counts.
+    """
+    count, leaves = len(cells), len(discs) // 4
+    i, j = int(cells[t].rank), int(cells[other].rank)
+    one, two = leaves + ((i + 1) * leaves - 1) // count, leaves + ((j + 1) * leaves - 1) // count
+    if one == two:
+        return i < j
+    while one // 2 != two // 2:
+        one, two = one // 2, two // 2
+    low, high = 2 * leaves + min(one, two), 2 * leaves + max(one, two)
+    return (one < two) == (_disc(discs[low], p0, p1, p2) <= _disc(discs[high], p0, p1, p2))
 
 
 @kernel

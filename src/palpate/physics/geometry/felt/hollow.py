@@ -60,7 +60,7 @@ def _nearest(middles: Matrix, discs: Record, points: Matrix, limit: float, work:
 
     middles  [m] (T,3) of the triangles in the order of the tree;  discs  the bounds of its nodes
     """
-    count, leaves, best = len(middles), len(discs) // 2, 0
+    count, leaves, best = len(middles), len(discs) // 4, 0
     for k in range(len(points)):
         p0, p1, p2 = points[k]
         least, nearest = limit * limit, -1
@@ -94,7 +94,7 @@ def _any_near(
 ):  # fmt: skip
     """Whether the distance of each of the points (n,3) from a middle of a triangle is at most `most` + `size` [m]; the
     search begins at the middle that was near the point before, and ends at the first."""
-    count, leaves, best = len(middles), len(discs) // 2, 0
+    count, leaves, best = len(middles), len(discs) // 4, 0
     limit = ((most + size) * (1.0 + 1e-9)) ** 2
     for k in range(len(points)):
         p0, p1, p2 = points[k]

@@ -39,7 +39,7 @@ def nodes_near(discs: Record, balls: Record, radius: float, found: Indices, work
         x, y, z = x + radius * u, y + radius * v, z + radius * w
         reach = max(reach, np.sqrt(x * x + y * y + z * z))
     p0, p1, p2 = m0 + radius * n0, m1 + radius * n1, m2 + radius * n2
-    most, lowest, size = (radius + reach) ** 2, max(len(discs) >> (1 + LEVELS), 1), 0
+    most, lowest, size = (radius + reach) ** 2, max(len(discs) >> (2 + LEVELS), 1), 0
     depth = work[0] = 1
     while depth > 0:
         depth -= 1
@@ -168,7 +168,7 @@ def nearest_below(
     """
     p0, p1, p2 = vector(ball.centre)
     n0, n1, n2 = vector(ball.normal)
-    count, leaves = len(cells), len(discs) // 2
+    count, leaves = len(cells), len(discs) // 4
     best, least = -1, radius * radius
     for top in near:
         work[0] = top

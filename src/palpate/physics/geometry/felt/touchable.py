@@ -121,7 +121,7 @@ def _fill(
                 few = size <= FEW
                 if few:
                     close = gather_vertices(
-                        points, cells, len(discs) // 2, nodes[:size], begin, seen, margin, around, some
+                        points, cells, len(discs) // 4, nodes[:size], begin, seen, margin, around, some
                     )
             if few and not any_above(around, close, ball, radius):
                 last = -1
