@@ -6,6 +6,7 @@ import numpy as np
 import scipy  # loads its submodules when they are used
 
 SPARE = 8  # More neighbours than asked for: where several are equally far, as on a regular mesh, their indices decide
+SAME = 1e-9  # [1] of a distance, within which another one is equal
 
 
 def tree_of(points: np.ndarray) -> Any:
@@ -21,12 +22,27 @@ def nearest(tree: Any, places: np.ndarray, count: int = 1, most: float = np.inf)
 
     most  [m] beyond which a distance is inf, with any index, and found in less time
     """
-    wanted = min(count + SPARE, tree.n)
-    found = tree.query(places, k=wanted, distance_upper_bound=most)[1].reshape(*np.shape(places)[:-1], wanted)
+    shape, flat = np.shape(places)[:-1], np.reshape(places, (-1, 3))
+    away, found, clear = _nearest(tree, flat, count, count + 1, most)
+    if not clear.all():
+        away[~clear], found[~clear], _ = _nearest(tree, flat[~clear], count, count + SPARE, most)
+    return away.reshape(*shape, away.shape[1]), found.reshape(*shape, away.shape[1])
+
+
+def _nearest(
+    tree: Any, places: np.ndarray, count: int, wanted: int, most: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`nearest` of places (n,3) among the `wanted` nearest points, and whether all of these are at other distances or
+    there are no more of them (n,)."""
+    wanted = min(wanted, tree.n)
+    given, found = (each.reshape(len(places), wanted) for each in tree.query(places, wanted, distance_upper_bound=most))
+    clear = (
+        (given[:, -1] == np.inf) | (given[:, -1] > given[:, min(count, wanted) - 1] * (1.0 + SAME)) | (wanted == tree.n)
+    )
     found = np.sort(found, axis=-1)
     missing = found == tree.n
     found[missing] = 0
-    away = np.sqrt(np.sum(np.square(tree.data[found] - np.asarray(places)[..., None, :]), axis=-1))
+    away = np.sqrt(np.sum(np.square(tree.data[found] - places[:, None, :]), axis=-1))
     away[missing] = np.inf
-    order = np.argsort(away, axis=-1, kind="stable")[..., :count]
-    return np.take_along_axis(away, order, -1), np.take_along_axis(found, order, -1)
+    order = np.argsort(away, axis=-1, kind="stable")[:, :count]
+    return np.take_along_axis(away, order, -1), np.take_along_axis(found, order, -1), clear

@@ -25,7 +25,7 @@ from palpate.physics.geometry.felt.even import even_normals
 from palpate.physics.geometry.felt.hollow import SHORE, Hollow, distance_to, nearest_points
 from palpate.physics.geometry.felt.limits import check_grid, check_triangles
 from palpate.physics.geometry.felt.rims import divide_near, find_rims, resting, round_rims, unfolded
-from palpate.physics.geometry.felt.ripples import are_deep, without_ripples
+from palpate.physics.geometry.felt.ripples import are_deep, in_hollows
 from palpate.physics.geometry.felt.solid import piece_volumes, solid_of
 from palpate.physics.geometry.felt.touchable import SHORT, divide_long_edges, untouchable
 from palpate.physics.geometry.mesh import Mesh
@@ -79,15 +79,18 @@ def close_surface(
     fine, part = divide_long_edges(mesh, SHORT * radius)
     body = MeshClosestPoint(mesh)
     hidden = untouchable(fine, body, radius)
-    if given is not None and hidden.any():
-        hidden = without_ripples(fine, hidden, body, given, radius)
-    if not hidden.any():
+    some = np.flatnonzero(hidden)
+    deep = are_deep(fine, some, body, radius)
+    if given is not None and len(some):
+        kept = in_hollows(fine, some, deep, given, radius)
+        hidden[some[~kept]], some, deep = False, some[kept], deep[kept]
+    if not len(some):
         return None
     if not mesh.closed:
         raise MeshError("it is open")
-    touchable, some = np.zeros(len(mesh.triangles), bool), np.flatnonzero(hidden)
+    touchable = np.zeros(len(mesh.triangles), bool)
     touchable[part[~hidden]] = True
-    touchable[part[some[~are_deep(fine, some, body, radius)]]] = True
+    touchable[part[some[~deep]]] = True
     hollow = Hollow(Mesh(fine.vertices, fine.triangles[hidden]))
     plug, centres = _plug(hollow, body, _touched(fine, hidden, radius), radius, np.asarray(offset))
     vertices, triangles, origin = _join(mesh, plug)

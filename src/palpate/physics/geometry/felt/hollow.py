@@ -5,7 +5,7 @@ import numpy as np
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Record
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.mesh_closest import STACK, MeshClosestPoint, _disc
+from palpate.physics.geometry.mesh_closest import STACK, WAITING, MeshClosestPoint, _disc
 
 SHORE = 1e-3  # [m] from untouchable triangles, up to which the distance is exact
 
@@ -26,7 +26,7 @@ class Hollow:
         above `most` [m], which is found in less time."""
         found = np.empty(len(points))
         limit = (most + self.size) * (1.0 + 1e-9)
-        _nearest(self._middles, self._closest.tables.discs, points, limit, np.empty(STACK, np.int64), found)
+        _nearest(self._middles, self._closest.tables.discs, points, limit, np.empty(STACK, WAITING), found)
         return np.maximum(found - self.size, 0.0)
 
     def within(self, points: np.ndarray, most: float) -> np.ndarray:
@@ -55,7 +55,7 @@ def nearest_points(surface: MeshClosestPoint, points: np.ndarray) -> tuple[np.nd
 
 
 @kernel
-def _nearest(middles: Matrix, discs: Record, points: Matrix, limit: float, work: Indices, found: Array):
+def _nearest(middles: Matrix, discs: Record, points: Matrix, limit: float, work: Record, found: Array):
     """Distances [m] (n) of points (n,3) from the nearest middle of a triangle; inf from `limit` [m] on.
 
     middles  [m] (T,3) of the triangles in the order of the tree;  discs  the bounds of its nodes
@@ -64,20 +64,20 @@ def _nearest(middles: Matrix, discs: Record, points: Matrix, limit: float, work:
     for k in range(len(points)):
         p0, p1, p2 = points[k]
         least, nearest = limit * limit, -1
-        depth = work[0] = 1
+        square = _square(middles[best], p0, p1, p2)  # begin at the middle that is nearest to the point before
+        if square < least:
+            least, nearest = square, best
+        depth, work[0].node, work[0].away = 1, 1, _disc(discs[1], p0, p1, p2)
         while depth > 0:
             depth -= 1
-            node = work[depth]
-            if node == 1:  # begin at the middle that is nearest to the point before
-                square = _square(middles[best], p0, p1, p2)
-                if square < least:
-                    least, nearest = square, best
-            if _disc(discs[node], p0, p1, p2) >= least:
+            node = work[depth].node
+            if work[depth].away >= least:
                 continue
             if node < leaves:
-                left = _disc(discs[2 * node], p0, p1, p2)
-                near = 2 * node if left <= _disc(discs[2 * node + 1], p0, p1, p2) else 2 * node + 1
-                work[depth], work[depth + 1] = 4 * node + 1 - near, near
+                left, right = _disc(discs[2 * node], p0, p1, p2), _disc(discs[2 * node + 1], p0, p1, p2)
+                node, near, far = (2 * node, left, right) if left <= right else (2 * node + 1, right, left)
+                work[depth].node, work[depth].away = node ^ 1, far
+                work[depth + 1].node, work[depth + 1].away = node, near
                 depth += 2
                 continue
             for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):

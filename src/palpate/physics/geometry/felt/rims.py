@@ -312,14 +312,18 @@ def unfolded(
     triangles = triangles[changed[triangles].any(axis=1)]  # no other one can fold
     stage, kept, each = np.zeros(len(points), np.int64), np.zeros(len(points), bool), np.arange(len(points))
     for both in (False, True):  # first the points alone, since the normals of what stays are those of its surroundings
+        tested = triangles
         for _ in range(UNFOLDED):
-            moved, facing = stages[stage, each], np.where(kept[:, None], normals, turned)
-            a, b, c = (moved[triangles[:, k]] for k in range(3))
-            back = einsum("ij,ij->i", np.cross(b - a, c - a), facing[triangles].sum(axis=1)) < 0.0
-            ends = np.unique(triangles[back])
+            a, b, c = (stages[stage[tested[:, k]], tested[:, k]] for k in range(3))
+            facing = np.where(kept[tested][..., None], normals[tested], turned[tested])
+            back = einsum("ij,ij->i", np.cross(b - a, c - a), facing.sum(axis=1)) < 0.0
+            ends = np.unique(tested[back])
             ends = ends[(stage[ends] < last) | (both & ~kept[ends])]
             if not len(ends):
                 break
             kept[ends] |= both & (stage[ends] == last)
             stage[ends] = np.minimum(stage[ends] + 1, last)
+            changed[:] = False
+            changed[ends] = True
+            tested = triangles[changed[triangles].any(axis=1)]  # the others are as they were
     return stages[stage, each], np.where(kept[:, None], normals, turned)

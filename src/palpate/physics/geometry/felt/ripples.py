@@ -30,20 +30,19 @@ SHALLOW = 1e-4
 FIRST = 8  # triangles of connected ones that are tested first
 
 
-def without_ripples(fine: Mesh, hidden: np.ndarray, body: MeshClosestPoint, given: Mesh, radius: float) -> np.ndarray:
-    """Which of the untouchable triangles (T,) of a mesh are in hollows of the body. given: the mesh of the file."""
-    some = np.flatnonzero(hidden)
+def in_hollows(fine: Mesh, some: np.ndarray, deep: np.ndarray, given: Mesh, radius: float) -> np.ndarray:
+    """Whether each of some untouchable triangles (n,) of a mesh is in a hollow of the body.
+
+    deep (n,) by `are_deep`;  given  the mesh of the file
+    """
     middle = fine.vertices[fine.triangles[some]].mean(axis=1)
     label = pieces(fine.triangles[some], len(fine.vertices))
     found, before = np.zeros(int(label.max()) + 1, bool), MeshClosestPoint(given)
     first = _spread_over(label)
     for part in (first, ~first):  # most hollows are found by a few of their triangles
-        left = np.flatnonzero(part & ~found[label])
-        deep = left[are_deep(fine, some[left], body, radius)]
-        found[label[deep[_hidden_before(middle[deep], before, radius)]]] = True
-    kept = np.zeros(len(hidden), bool)
-    kept[some] = found[label]
-    return kept
+        left = np.flatnonzero(part & deep & ~found[label])
+        found[label[left[_hidden_before(middle[left], before, radius)]]] = True
+    return np.asarray(found[label])
 
 
 def are_deep(fine: Mesh, some: np.ndarray, body: MeshClosestPoint, radius: float) -> np.ndarray:
