@@ -1,13 +1,17 @@
 """Processor time to load an organ: reading, refinement, the surface that a finger can touch, and the search tree.
 
     python benchmarks/preparing.py [--triangles 1000 5000 20000 100000] [--shapes even rows poles cubes cad] [--gap]
+                                   [--widths 16 12 6 3]
 
 Shapes: an ellipsoid of 90 x 70 x 50 mm of even triangles, of rows of latitude with as many meridians as triangles need,
 of thin triangles at its poles, and of marching cubes; and a cylinder as a CAD program exports it, of long triangles and
-two fans. `--gap` cuts each body by a plane, 0.5 mm apart, so that the gap is bridged.
+two fans. `--gap` cuts each body by a plane, 0.5 mm apart, so that the gap is bridged. `fissure`, which is not among
+the default ones, is the even ellipsoid with a wedge like that between the lobes of a liver, 3 mm wide and 15 mm deep.
+`--widths` are those of the finger [mm]: the bridges of a narrow one have smaller triangles.
 
 Each case runs in a forked process that has loaded all kernels. The columns:
 
+    width      [mm] of the finger
     triangles, vertices  of the file, and of the refined surface
     read, refine, touch, tree  [s] processor time of the parts
     start      [s] processor time of `collision.Mesh.start`, which does all of them and writes the store
@@ -23,6 +27,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import itertools
 import multiprocessing
 import os
 import shutil
@@ -35,13 +40,14 @@ from skimage.measure import marching_cubes
 from trimesh.creation import cylinder, icosphere
 
 from palpate.nodes.base import felt, mesh_file, surface
+from palpate.nodes.base.felt import WIDTH
 from palpate.nodes.base.stored import surfaces
 from palpate.nodes.collision import Mesh as Collision
 from palpate.physics.geometry.felt.bridge import close_surface
 from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.refined.divided import refine_mesh
-from palpate.studies.organs.gaps import cut_mesh
+from palpate.studies.organs.gaps import cut_mesh, makers
 
 HALF = np.array([45e-3, 35e-3, 25e-3])  # [m] half axes
 GAP = 0.5e-3  # [m]
@@ -95,7 +101,12 @@ def cad(count: int) -> Mesh:
     return Mesh(np.array(made.vertices), np.array(made.faces, np.int32))
 
 
-SHAPES = {made.__name__: made for made in (even, rows, poles, cubes, cad)}
+def fissure(count: int) -> Mesh:
+    return makers()["fissure"][0](count // 2)
+
+
+USUAL = (even, rows, poles, cubes, cad)
+SHAPES = {made.__name__: made for made in (*USUAL, fissure)}
 
 
 def _since(begun: float) -> float:
@@ -117,9 +128,9 @@ def _forget() -> None:
     mesh_file._flaws.cache_clear()
 
 
-def measure(file: Path) -> dict[str, float]:
-    """The columns of a file, in this process."""
-    node = Collision(surface=str(file))
+def measure(file: Path, width: float) -> dict[str, float]:
+    """The columns of a file and a width [m] of the finger, in this process."""
+    node = Collision(surface=str(file), width=width)
     _forget()
     ctypes.CDLL(None).malloc_trim(0)  # give back what the parent had freed, which would be used again
     Path("/proc/self/clear_refs").write_text("5")  # the largest resident memory is that from now on
@@ -130,7 +141,7 @@ def measure(file: Path) -> dict[str, float]:
     moved, before = surface.refinement(str(file), "m", 0, node.refine)
     _forget()
     begun = time.process_time()
-    Collision(surface=str(file)).start()
+    Collision(surface=str(file), width=width).start()
     found["stored"] = _since(begun)
     _forget()
     # the parts
@@ -153,20 +164,21 @@ def measure(file: Path) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _case(name: str, count: int, gap: bool, out: multiprocessing.Queue[dict[str, float]]) -> None:
+def _case(name: str, count: int, gap: bool, width: float, out: multiprocessing.Queue[dict[str, float]]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_CACHE_HOME"] = f"{folder}/cache"
         mesh = SHAPES[name](count)
         file = Path(folder) / f"{name}.ply"
         write_ply(file, cut_mesh(mesh, GAP, 1) if gap else mesh)
-        out.put(measure(file))
+        out.put(measure(file, width))
 
 
 def main() -> None:
     given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     given.add_argument("--triangles", type=int, nargs="+", default=[1000, 5000, 20_000, 100_000])
-    given.add_argument("--shapes", nargs="+", choices=SHAPES, default=list(SHAPES))
+    given.add_argument("--shapes", nargs="+", choices=SHAPES, default=[made.__name__ for made in USUAL])
     given.add_argument("--gap", action="store_true")
+    given.add_argument("--widths", type=float, nargs="+", default=[1e3 * WIDTH], metavar="MM")
     chosen = given.parse_args()
     # the kernels that all cases use, except those that only other kernels call
     fork = multiprocessing.get_context("fork")
@@ -176,20 +188,19 @@ def main() -> None:
         for name, mesh in (("whole", cubes(600)), ("cut", cut_mesh(even(600), GAP, 1))):
             file = Path(folder) / f"{name}.ply"
             write_ply(file, Mesh(0.5 * mesh.vertices, mesh.triangles))
-            measure(file)
+            measure(file, WIDTH)
         shutil.rmtree(surfaces.folder())
     _forget()
     widths = [max(8, len(column)) for column in COLUMNS]
-    print("shape   triangles vertices " + " ".join(f"{c:>{w}}" for c, w in zip(COLUMNS, widths, strict=True)))
-    for name in chosen.shapes:
-        for count in chosen.triangles:
-            out: multiprocessing.Queue[dict[str, float]] = fork.Queue()
-            child = fork.Process(target=_case, args=(name, count, chosen.gap, out))
-            child.start()
-            row = out.get()
-            child.join()
-            values = " ".join(f"{row[c]:{w}.2f}" for c, w in zip(COLUMNS, widths, strict=True))
-            print(f"{name:7} {row['triangles']:9.0f} {row['vertices']:8.0f} {values}", flush=True)
+    print("shape   width triangles vertices " + " ".join(f"{c:>{w}}" for c, w in zip(COLUMNS, widths, strict=True)))
+    for name, count, width in itertools.product(chosen.shapes, chosen.triangles, chosen.widths):
+        out: multiprocessing.Queue[dict[str, float]] = fork.Queue()
+        child = fork.Process(target=_case, args=(name, count, chosen.gap, 1e-3 * width, out))
+        child.start()
+        row = out.get()
+        child.join()
+        values = " ".join(f"{row[c]:{w}.2f}" for c, w in zip(COLUMNS, widths, strict=True))
+        print(f"{name:7} {width:5g} {row['triangles']:9.0f} {row['vertices']:8.0f} {values}", flush=True)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ class StageBars:
         self.lines = not (silent or self.out.is_terminal)
         self.bars = rich.Progress(
             rich.TextColumn("{task.description}"), rich.BarColumn(), rich.TaskProgressColumn(),
-            rich.TimeElapsedColumn(), rich.TextColumn("left"), rich.TimeRemainingColumn(),
+            rich.TimeElapsedColumn(), rich.TextColumn("{task.fields[left]}"), rich.TimeRemainingColumn(),
             rich.TextColumn("{task.fields[note]}"),
             console=self.out, transient=True, disable=silent or self.lines,
         )  # fmt: skip
@@ -44,7 +44,7 @@ class StageBars:
         error.
         """
         name, note = printable(name), printable(note)
-        task = self.bars.add_task(name, total=total, note=note)
+        task = self.bars.add_task(name, total=total, note=note, left="" if total is None else "left")
         printed, named = time.monotonic(), not (self.lines and name and note)
         first = begun = 0.0
         text = f"{name}: {note} ..."
@@ -55,7 +55,7 @@ class StageBars:
         def done(share: float, note: str = note) -> None:
             nonlocal printed, named, first, begun
             note = printable(note)
-            self.bars.update(task, total=1.0, completed=share, note=note)
+            self.bars.update(task, total=1.0, completed=share, note=note, left="left")
             if not named:
                 named = True
                 self.out.print(text)
