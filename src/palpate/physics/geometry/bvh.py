@@ -1,9 +1,13 @@
 """Bounding-volume hierarchy over the triangles of a mesh, and the tables that the closest-point search reads.
 
-The triangles are ordered along a Morton curve (C. Lauterbach et al., Computer Graphics Forum 28 (2009) 375-384). The
-tree is complete and needs no links: node k has the children 2k and 2k+1. The bounding volume is a disc: a flat cylinder
-across the mean normal of the triangles. On a smooth surface its height falls with the square of its radius, whereas a
-box is as high as wide. A search from 40 mm above a mesh of 10^6 vertices visits a few leaves instead of thousands.
+Each node halves its triangles across their longest side (`search.halves`). The tree is complete and needs no links:
+node k has the children 2k and 2k+1. The bounding volume is a disc: a flat cylinder across the mean normal of the
+triangles. On a smooth surface its height falls with the square of its radius, whereas a box is as high as wide. A
+search from 40 mm above a mesh of 10^6 vertices visits a few leaves instead of thousands.
+
+A second tree of the same form has the triangles along a Morton curve (C. Lauterbach et al., Computer Graphics Forum 28
+(2009) 375-384). It is not searched: of triangles that are equally near, as at a vertex, the first one counts that a
+search of it would visit, so that a foot does not depend on how the first tree divides a mesh.
 """
 
 from dataclasses import dataclass

@@ -91,8 +91,20 @@ def close_surface(
     touchable = np.zeros(len(mesh.triangles), bool)
     touchable[part[~hidden]] = True
     touchable[part[some[~deep]]] = True
-    hollow = Hollow(Mesh(fine.vertices, fine.triangles[hidden]))
-    plug, centres = _plug(hollow, body, _touched(fine, hidden, radius), radius, np.asarray(offset))
+    felt, origin = _bridged(fine, hidden, body, radius, np.asarray(offset))
+    under = fine.vertices[np.unique(fine.triangles[hidden])]  # a large triangle may be touchable in part
+    return _describe(felt, origin, body, under, touchable)
+
+
+def _bridged(
+    fine: Mesh, hidden: np.ndarray, body: MeshClosestPoint, radius: float, offset: np.ndarray
+) -> tuple[Mesh, np.ndarray]:
+    """The felt surface, and for each of its triangles that of the body, -1: a bridge.
+
+    fine, hidden  the body with short edges, and whether no ball touches each of its triangles
+    """
+    mesh, hollow = body.mesh, Hollow(Mesh(fine.vertices, fine.triangles[hidden]))
+    plug, centres = _plug(hollow, body, _touched(fine, hidden, radius), radius, offset)
     vertices, triangles, origin = _join(mesh, plug)
     touched = MeshClosestPoint(Mesh(fine.vertices, fine.triangles[~hidden]))
     normals = _normals(vertices, triangles[origin < 0], mesh, hollow, centres, radius)
@@ -110,9 +122,7 @@ def close_surface(
         triangles = flip_caps(moves[0], triangles, _still(flat, moves[0], triangles))
         turned = even_normals(moves[0], turned, triangles, even, share)
     vertices, normals = unfolded(vertices, normals, moves, turned, triangles)
-    felt = Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals)
-    under = fine.vertices[np.unique(fine.triangles[hidden])]  # a large triangle may be touchable in part
-    return _describe(felt, origin, body, under, touchable)
+    return Mesh(vertices, np.ascontiguousarray(triangles, np.int32), normals), origin
 
 
 def _touched(fine: Mesh, hidden: np.ndarray, radius: float) -> np.ndarray:
@@ -128,6 +138,26 @@ def _plug(
 ) -> tuple[Mesh, MeshClosestPoint]:
     """The plug, and the surface of centres."""
     step = STEP * radius
+    points, triangles, centres = _march_plug(hollow, body, touched, radius, offset)
+    # at an edge of the body the plug has one as well, which marching cubes cut off
+    points, feet, good = _settle(points, centres, hollow, radius)
+    points, triangles = divide_creases(
+        partial(nearest_points, centres), points, feet, triangles, good, radius, step, EDGE
+    )
+    # where the plug ends inside the body, its edges may stay long
+    near, off = np.ones(len(points), bool), np.flatnonzero(~good)
+    near[off] = body.find_sorted(points[off])[3] > -step
+    plug, _ = divide_long_edges(Mesh(points, np.ascontiguousarray(triangles, np.int32)), FACET * radius, near)
+    some = np.flatnonzero(np.concatenate([near, np.ones(len(plug.vertices) - len(near), bool)]))
+    plug.vertices[some] = _settle(plug.vertices[some], centres, hollow, radius)[0]
+    return Mesh(rounded(plug.vertices), plug.triangles), centres
+
+
+def _march_plug(
+    hollow: Hollow, body: MeshClosestPoint, touched: np.ndarray, radius: float, offset: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, MeshClosestPoint]:
+    """Vertices [m] (V,3) and triangles (T,3) of the plug from marching cubes, and the surface of centres."""
+    step = STEP * radius
     reach = radius + 4.0 * step  # of the plug; the centres of balls that touch it are within r of it
     margin = reach + radius + hollow.size + 2.0 * BLOCK * step
     grid = Grid.round_box(hollow.low - margin + offset, hollow.high + margin + step, step)
@@ -141,19 +171,7 @@ def _plug(
     index = np.argwhere(np.isfinite(away) & (np.abs(closing) < 2.0 * step))
     level = np.where(np.isfinite(away), closing, step)
     level[tuple(index.T)] -= _lift(hollow, grid.points(index), radius, step)
-    points, triangles = march(np.clip(level, -2.0 * step, 2.0 * step), grid, 0.0)
-    # at an edge of the body the plug has one as well, which marching cubes cut off
-    points, feet, good = _settle(points, centres, hollow, radius)
-    points, triangles = divide_creases(
-        partial(nearest_points, centres), points, feet, triangles, good, radius, step, EDGE
-    )
-    # where the plug ends inside the body, its edges may stay long
-    near, off = np.ones(len(points), bool), np.flatnonzero(~good)
-    near[off] = body.find_sorted(points[off])[3] > -step
-    plug, _ = divide_long_edges(Mesh(points, np.ascontiguousarray(triangles, np.int32)), FACET * radius, near)
-    some = np.flatnonzero(np.concatenate([near, np.ones(len(plug.vertices) - len(near), bool)]))
-    plug.vertices[some] = _settle(plug.vertices[some], centres, hollow, radius)[0]
-    return Mesh(rounded(plug.vertices), plug.triangles), centres
+    return *march(np.clip(level, -2.0 * step, 2.0 * step), grid, 0.0), centres
 
 
 def _settle(
