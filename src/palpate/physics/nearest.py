@@ -22,7 +22,8 @@ def nearest(tree: Any, places: np.ndarray, count: int = 1, most: float = np.inf)
 
     most  [m] beyond which a distance is inf, with any index, and found in less time
     """
-    shape, flat = np.shape(places)[:-1], np.reshape(places, (-1, 3))
+    *shape, size = np.shape(places)
+    flat = np.reshape(places, (-1, size))
     away, found, clear = _nearest(tree, flat, count, count + 1, most)
     if not clear.all():
         away[~clear], found[~clear], _ = _nearest(tree, flat[~clear], count, count + SPARE, most)
