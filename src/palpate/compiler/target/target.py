@@ -25,6 +25,7 @@ from numba.core.registry import CPUDispatcher, CPUTarget
 from numba.core.target_extension import CPU, dispatcher_registry, jit_registry, target_registry
 from numba.core.typing import Context
 from numba.core.utils import threadsafe_cached_property
+from numba.extending import models, register_model
 
 from palpate.compiler.arithmetic import kernel_processor
 from palpate.compiler.target.code_library import REPLACEMENT, Codegen
@@ -89,6 +90,7 @@ class _CallConv(CPUCallConv):
 class _Context(CPUContext):
     def init(self) -> None:
         self.is32bit = False
+        self._missing: dict[Any, str] = {}
         self._internal_codegen = _PinnedCodegen("palpate.exec")
         c_math_functions.install(self)
 
@@ -107,24 +109,50 @@ class _Context(CPUContext):
         finally:
             linalg.ensure_blas = check
 
+    def get_function(self, fn: Any, sig: Any, _firstcall: bool = True) -> Any:
+        """The generator of the code of an operation. numba asks for some of which it has none, as for each array, and
+        then reads all registries again; here only if they have changed since the last time."""
+        if not isinstance(fn, str):
+            return super().get_function(fn, sig, _firstcall)
+        key = fn, sig.args, sum(len(registry.functions) for registry in self._registries)
+        if key in self._missing:
+            raise NotImplementedError(self._missing[key])
+        try:
+            return super().get_function(fn, sig, _firstcall)
+        except NotImplementedError as error:
+            self._missing[key] = str(error)
+            raise
+
+
+class _Function(types.Function):
+    """A function of numba that finds its signatures once: numba tries about ten templates for each operator in each
+    pass over a function, and again when it generates code. A result without separate code depends only on the types."""
+
+    def augment(self, other: Any) -> Any:
+        return super().augment(_Function(other.templates) if type(other) is types.Function else other)
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        if kws or not isinstance(context, _Typing):
+            return super().get_call_type(context, args, kws)
+        key = self, tuple(args)
+        signature = context.known.get(key)
+        if signature is None:
+            signature = super().get_call_type(context, args, kws)
+            if signature is not None and self._impl_keys.get(signature.args) is self.typing_key:  # type: ignore[attr-defined]
+                context.known[key] = signature
+        return signature
+
+
+register_model(_Function)(models.OpaqueModel)
+
 
 class _Typing(Context):
-    """Types of expressions, cached: numba tries about ten templates for each operator in each pass over a function. A
-    result without separate code depends only on the types."""
-
     def init(self) -> None:
-        self._known: dict[Any, Any] = {}
+        self.known: dict[Any, Any] = {}
+        """Signatures, by function and types of the arguments."""
 
-    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
-        if kws or not isinstance(func, types.Function):
-            return super().resolve_function_type(func, args, kws)
-        known = self._known.get((func, args))
-        if known is not None and known[0] is func:
-            return known[1]
-        signature = super().resolve_function_type(func, args, kws)
-        if signature is not None and func._impl_keys.get(signature.args) is func.typing_key:  # type: ignore[attr-defined]
-            self._known[func, args] = func, signature
-        return signature
+    def _insert_global(self, gv: Any, gty: Any) -> None:
+        super()._insert_global(gv, _Function(gty.templates) if type(gty) is types.Function else gty)
 
 
 class _Target(CPUTarget):
