@@ -1,6 +1,5 @@
 """Which tests a run of the whole suite leaves out (tests/support/slow_tests.py)."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 from slow_tests import choose, read
 
 ROOT = Path(__file__).parents[1]
+END = "end of the run"
 
 
 def test_slow_tests_are_listed_and_the_cheapest_of_each_file_stays():
@@ -36,9 +36,14 @@ def test_a_folder_is_run_without_and_a_file_with_its_slow_tests():
     file, test = name.split("::")
     folder = str(Path(file).parent)
 
-    def collected(*given):
-        command = [sys.executable, "-m", "pytest", "--collect-only", "-k", test, *given]
-        return subprocess.run(command, cwd=ROOT, env=os.environ, capture_output=True, text=True).stdout
+    # `./check.sh --fast`, which names a file as well, ran all slow tests
+    runs = [[file], [folder, "--all"], [folder], [folder, "tests/test_imports.py"]]
+    assert [name in found for found in collected(test, runs)] == [True, True, False, False]
 
-    assert name in collected(file) and name in collected(folder, "--all") and name not in collected(folder)
-    assert name not in collected(folder, "tests/test_imports.py")  # `./check.sh --fast` ran all slow tests
+
+def collected(test, runs):
+    """What runs that collect a test find, one after another in one process, which imports pytest once."""
+    script = f"import sys, pytest\nfor given in {runs}:\n    pytest.main(['--collect-only', '-k', {test!r}, *given])\n"
+    script += f"    print({END!r}, flush=True)"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    return [{line.partition("[")[0] for line in part.splitlines()} for part in done.stdout.split(END)[: len(runs)]]

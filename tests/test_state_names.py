@@ -133,14 +133,16 @@ def is_integer(node):
 
 
 def is_kernel(node):
-    marks = [getattr(mark, "func", mark) for mark in getattr(node, "decorator_list", ())]
+    if not isinstance(node, ast.FunctionDef):
+        return False
+    marks = [getattr(mark, "func", mark) for mark in node.decorator_list]
     return any(getattr(mark, "id", getattr(mark, "attr", "")) in KERNELS for mark in marks)
 
 
-def places(node):
-    """The array and each index of every subscript below a node."""
-    for each in ast.walk(node):
-        if isinstance(each, ast.Subscript) and ast.unparse(each.value) != "Annotated":
+def places(nodes):
+    """The array and each index of every subscript among these nodes."""
+    for each in nodes:
+        if isinstance(each, ast.Subscript) and getattr(each.value, "id", "") != "Annotated":
             indices = each.slice.elts if isinstance(each.slice, ast.Tuple) else [each.slice]
             for index in indices:
                 if not isinstance(index, ast.Slice):
@@ -167,11 +169,12 @@ def numbered_places(trees):
     alone, numbered = (set().union(*each) for each in zip(*kinds, strict=True))
     found = defaultdict(set)
     for file, tree in trees.items():
-        found[file] |= {ast.unparse(array) for array, index in places(tree) if names(index) & numbered}
-        for kernel in filter(is_kernel, ast.walk(tree)):
+        nodes = list(ast.walk(tree))
+        found[file] |= {ast.unparse(array) for array, index in places(nodes) if names(index) & numbered}
+        for kernel in filter(is_kernel, nodes):
             found[file] |= {
                 ast.unparse(array)
-                for array, index in places(kernel)
+                for array, index in places(ast.walk(kernel))
                 if names(index) & (alone | numbered) or is_literal(index)
             }
     return {file: arrays for file, arrays in found.items() if arrays}

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from sources import tree_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md", "docs")
@@ -151,21 +152,36 @@ def markdown(text: str) -> Iterator[tuple[int, str]]:
     return enumerate(text.splitlines(), 1)
 
 
-def python(text: str) -> Iterator[tuple[int, str]]:
+def python(path: Path) -> Iterator[tuple[int, str]]:
     """Line and text of each comment, of each string with a space (docstrings, messages), and of each test name. Reading
     the tokens takes long: none of a file without a listed word, and comments only where one follows a `#`."""
+    text = path.read_text(encoding="utf-8")
     if not WORD.search(text.lower().replace("_", " ")):
         return
-    if any(WORD.search(line.partition("#")[2].lower()) for line in text.splitlines() if "#" in line):
+    lines = text.splitlines()
+    if any(WORD.search(line.partition("#")[2].lower()) for line in lines if "#" in line):
         for token in tokenize.generate_tokens(io.StringIO(text).readline):
             if token.type == tokenize.COMMENT:
                 yield token.start[0], token.string
-    for node in ast.walk(ast.parse(text)):
+    plain = (line.lower().replace("_", " ").replace("\\n", " ") for line in lines)
+    listed = {number for number, line in enumerate(plain, 1) if WORD.search(line)}
+    for node in with_listed(tree_of(path), listed):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
             for number, line in enumerate(re.sub(r"`[^`\n]*`", " ", node.value).splitlines()):
                 yield node.lineno + number, line
         elif isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
             yield node.lineno, node.name.replace("_", " ")
+
+
+def with_listed(node: ast.AST, listed: set[int]) -> Iterator[ast.AST]:
+    """A node and those in it, without nodes on one line that contains no listed word. A string on several lines may be
+    one line of text."""
+    begin = getattr(node, "lineno", 0)
+    if begin and begin == node.end_lineno and begin not in listed:
+        return
+    yield node
+    for each in ast.iter_child_nodes(node):
+        yield from with_listed(each, listed)
 
 
 def faults(path: Path, lines: Iterator[tuple[int, str]]) -> list[str]:
@@ -209,5 +225,5 @@ def test_yaml_is_plain_english():
 
 def test_docstrings_comments_messages_and_test_names_are_plain_english():
     wrong = [fault for path in files(PYTHON, ".py") if path != Path(__file__)
-             for fault in faults(path, python(path.read_text(encoding="utf-8")))]  # fmt: skip
+             for fault in faults(path, python(path))]  # fmt: skip
     assert not wrong, "\n".join(wrong)

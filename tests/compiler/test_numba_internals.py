@@ -26,9 +26,9 @@ PUBLIC = ("numba.extending", "numba.core.event", "numba.types")
 OURS = (
     target._PinnedCodegen, target._Context, target._CallConv, target._Typing, target._Function, target._Target,
     target._Processor, target.Pinned, target._Flags, dispatcher.CachedFunction, dispatcher.KernelDispatcher,
-    code_library.Library, code_library.Codegen, elsewhere.Elsewhere, elsewhere.ElsewhereLibrary, translation.Translation,
-    passes.KernelCompiler, passes.Passes, passes.Canonical, passes.Closures, passes.EarlyRewrites, passes.Assignments,
-    passes.Merges, passes.LateRewrites,
+    code_library.Library, code_library.Codegen, elsewhere.Elsewhere, elsewhere.ElsewhereLibrary,
+    translation.Translation, passes.KernelCompiler, passes.Passes, passes.Canonical, passes.Closures,
+    passes.EarlyRewrites, passes.Assignments, passes.Merges, passes.LateRewrites,
 )  # fmt: skip
 """Classes with a base in numba."""
 CONTENT = (
