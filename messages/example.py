@@ -1,6 +1,7 @@
 """An example message, generated from the declaration of its fields; nodes are warmed up with it before a run."""
 
 import typing
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -20,8 +21,13 @@ def example(kind: type, loaded: bool) -> Any:
 
     A vector of three numbers with the unit 1 is a direction. TypeError: a field of another type without a default.
     """
-    optional = {field.name for field in msgspec.structs.fields(kind) if not field.required}
+    optional = _optional(kind)
     return kind(**{f.name: _value(f, loaded) for f in fields(kind) if _plain(f) or f.name not in optional})
+
+
+@cache
+def _optional(kind: type) -> frozenset[str]:
+    return frozenset(field.name for field in msgspec.structs.fields(kind) if not field.required)
 
 
 def _plain(field: Field) -> bool:

@@ -42,6 +42,11 @@ def layout(kind: type[Message]) -> np.dtype:
 
 def blank(kind: type[Message]) -> np.ndarray:
     """A record (1,) without a message; its arrays are empty."""
+    return _blank(kind).copy()
+
+
+@cache
+def _blank(kind: type[Message]) -> np.ndarray:
     record = np.zeros(1, layout(kind))
     for field in fields(kind):
         if field.dtype is not None:

@@ -76,6 +76,19 @@ def in_force(*, here: bool = True) -> dict[str, str]:
     Two processes that agree in all entries compute the same bytes. If only numpy and OpenBLAS differ, the force of the
     shipped nodes is still the same. `here=False`: for a process that palpate starts, which is pinned where possible.
     """
+    import numpy
+
+    return {
+        "architecture": platform.machine(),
+        "instructions": LEVEL if pinnable() and not here else _instructions(numpy),
+        **_libraries(),
+        **{name: os.environ[name] for name in ("GLIBC_TUNABLES",) if name in os.environ},
+    }
+
+
+@functools.cache  # a process keeps the libraries that it has loaded; reading what they are takes 8 ms
+def _libraries() -> dict[str, str]:
+    """Versions of the libraries."""
     from importlib.metadata import version
 
     import numpy
@@ -84,13 +97,10 @@ def in_force(*, here: bool = True) -> dict[str, str]:
     built = [package.show_config(mode="dicts")["Build Dependencies"]["blas"] for package in (numpy, scipy)]
     blas = [f"{build['name']} {build['version']}" for build in built]
     return {
-        "architecture": platform.machine(),
-        "instructions": LEVEL if pinnable() and not here else _instructions(numpy),
         **{name: version(name) for name in ("numpy", "scipy", "numba", "llvmlite")},
         "BLAS of numpy": blas[0],
         "BLAS of scipy": blas[1],
         "libc": " ".join(platform.libc_ver()),
-        **{name: os.environ[name] for name in ("GLIBC_TUNABLES",) if name in os.environ},
     }
 
 
@@ -120,8 +130,8 @@ def _instructions(numpy) -> str:
 def _openblas() -> list[tuple[str, int]]:
     """Core and number of threads of each loaded OpenBLAS."""
     try:
-        with open("/proc/self/maps", encoding="utf-8", errors="replace") as file:
-            paths = {line.split(maxsplit=5)[5].strip() for line in file if "openblas" in line}
+        with open("/proc/self/maps", "rb") as file:
+            paths = {os.fsdecode(line.split(maxsplit=5)[5].strip()) for line in file if b"openblas" in line}
     except OSError:
         return []
     import ctypes  # here and below: a command that computes nothing does not need it

@@ -68,7 +68,12 @@ def made_by(recorded: dict[str, Any] | None) -> str:
 
 
 def _versions(packages: tuple[str, ...]) -> dict[str, str | None]:
-    return {"python": platform.python_version(), **{name: package_version(name) for name in packages}}
+    return {"python": platform.python_version(), **_packages(packages)}
+
+
+@functools.cache  # reading them takes 2 ms
+def _packages(names: tuple[str, ...]) -> dict[str, str | None]:
+    return {name: package_version(name) for name in names}
 
 
 def _processor() -> str:
