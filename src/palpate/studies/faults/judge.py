@@ -5,8 +5,8 @@ contact   each contact presses at most `OVER` times as hard as without faults, o
 change    the force on the hand changes by at most `TURNED` times the slew rate of the controller, because the legs of
           the device turn while it holds its torques
 energy    from an outage until its force has fully returned the display gives out at most `ENERGY`, plus `POWER` after
-          `PATIENCE` (docs/equations/controller.md); to several hands, which exchange energy through the tissue, together
-          at most that for each
+          `PATIENCE` (docs/equations/controller.md); to several hands, which exchange energy through the tissue,
+          together at most that for each
 silence   the device is without torque `SILENCE` after a node that its force needs has stopped or died
 return    at rest, `draw.REST` after the last fault, the contact has at least `LEFT` of the force of the same motion
 finite    all forces are numbers
