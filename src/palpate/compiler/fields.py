@@ -7,7 +7,6 @@ write the fields by name. A name that records of numpy have, such as `mean`, is 
 `record.mean` would be numpy's method. A NamedTuple of arrays and numbers is another description: `form`.
 """
 
-from operator import itemgetter
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -55,24 +54,7 @@ def _form(name: str, form: Any) -> tuple[Any, ...]:
 
 def element_type(fields: dict[str, Any]) -> np.dtype:
     """The dtype of an array of these records; in Python, the fields of its elements are also attributes."""
-    return _with_attributes(record_type("fields", fields))
-
-
-def _with_attributes(fields: np.dtype) -> np.dtype:
-    """A dtype with a class that has an attribute for each field. `np.record` looks each attribute up in Python, also
-    the address that numba reads at each call of a kernel."""
-    attributes = {name: _attribute(name, fields[name].base) for name in fields.names or ()}
-    return np.dtype((type("Fields", (np.void,), {"__slots__": (), **attributes}), fields))
-
-
-def _attribute(name: str, kind: np.dtype) -> property:
-    def put(record: Any, value: Any) -> None:
-        record[name] = value
-
-    if kind.names is None:
-        return property(itemgetter(name), put)
-    group = _with_attributes(kind)
-    return property(lambda record: record[name].view(group), put)
+    return np.dtype((np.record, record_type("fields", fields)))
 
 
 def blank_record(fields: dict[str, Any], **values: Any) -> Any:
