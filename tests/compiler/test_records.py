@@ -1,5 +1,7 @@
 """A NamedTuple of arrays in a record, as an argument of a kernel."""
 
+import copy
+import pickle
 import sys
 from typing import Annotated, NamedTuple
 
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.compiler import interpreted
-from palpate.compiler.fields import form
+from palpate.compiler.fields import blank_record, element_type, form
 from palpate.compiler.generators.in_record import type_of
 from palpate.compiler.kernel import kernel
 from palpate.compiler.records import floats, lend, lend_first, unpacking
@@ -171,3 +173,15 @@ def third(given):
 @needs_numba
 def test_hints_of_another_kind_are_none():
     assert third(WithUnits(1.0, np.arange(3.0), 4)) == 6.0
+
+
+def test_arrays_and_records_can_be_sent_to_another_process():
+    fields = {"way": (3,), "count": int, "group": {"length": ()}}
+    state = blank_record(fields, count=3)
+    state.group.length = 2.0
+    rows = np.zeros(4, element_type(fields))
+    rows["count"] = range(4)
+    for again in (pickle.loads(pickle.dumps(state)), copy.deepcopy(state)):
+        assert again["count"] == 3 and again["group"]["length"] == 2.0
+    again = pickle.loads(pickle.dumps(rows))
+    assert np.array_equal(again, rows) and again[2].count == 2 and again[2].group.length == 0.0
