@@ -23,6 +23,7 @@ FINGER = {
     "compression": (), "indentation": (), "settled": bool,  # [m]; whether the indentation is known
     "idle": bool, "previous": (), "in_step": bool, "withheld": (),  # previous [m] of the body's law; withheld [m]
     "law": (5,), "step": (), "relaxation": (), "hears": bool,  # of the body's last message; whether it has sent one
+    "apart": bool,  # whether the finger has not pressed the body since it is missing
     "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
     "sampled": int,  # [ns] time of the last sample of the approach; -1: unknown
     "course": COURSE,  # of the compression (`physics.contact.end_rate`)
@@ -121,7 +122,7 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
     """Returns whether a force must be solved for, and approach [m], length of the step [s] and law for it.
 
     The approach is signed: a body that another finger lifts is touched before the finger reaches its undeformed
-    surface.
+    surface. A contact with a body that is missing ends, and none begins.
 
     there  whether the body has sent its law
     law, step [s], relaxation [s], time [ns]  of that message
@@ -132,7 +133,7 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
     if there:
         for i in range(5):
             finger.law[i] = law[i]
-        finger.step, finger.relaxation, finger.hears = step, relaxation, True
+        finger.step, finger.relaxation, finger.hears, finger.apart = step, relaxation, True, False
         age = (proximity.time - time) * 1e-9 if proximity.time >= 0 and time >= 0 else dt
         law = law_now(finger, law, step, relaxation, age, dt, moved, length)
         finger.previous = law[4]
@@ -150,7 +151,8 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
     lifted = min(free, 0.0)
     finger.withheld += max(depth - lifted, 0.0) * dt / GONE
     felt = depth - finger.withheld
-    if not (finger.hears and felt > lifted + STILL):
+    finger.apart = finger.apart or not (finger.hears and felt > lifted + STILL)
+    if finger.apart:
         return False, 0.0, length, law
     return True, felt, math.inf, (k, n, c, free, previous)
 
