@@ -105,3 +105,22 @@ def test_with_exact_positions_the_damping_changes_about_as_fast_as_the_contact(s
     )
     assert -0.02e-3 < work.min() < -2e-6
     assert np.abs(np.diff(force)).max() < 6.0 * np.abs(np.diff(contact)).max()
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("what", ["normal", "friction"])
+def test_after_a_number_that_is_not_finite_the_force_returns(what, bad):
+    gains = blank_record(
+        GAINS, hysteresis=COUNT, mass=MASS, drag=DRAG, limit=9.0, slew=5000.0, observes=True, passive=True, driven=True
+    )
+    state, past, up = blank_record(STATE), rings(0), (0.0, 0.0, 1.0)
+    for k in range(90):
+        depth = 5e-5 * min(k, 50)
+        wrong = (bad, 0.0, 0.0) if k in (20, 60) else None
+        n, rubs = (wrong or up, STILL) if what == "normal" else (up, wrong or STILL)
+        *force, _, energy = haptic(
+            gains, state, past, 500.0 * depth, n, rubs, depth, depth, (0.0, 0.0, -depth), STILL, 1e-3
+        )
+        assert np.isfinite(force).all()
+    assert math.isfinite(energy) and math.isfinite(state.made)
+    assert force[2] == approx(500.0 * depth, abs=0.02)

@@ -377,7 +377,9 @@ def haptic(
         return state.force[0], state.force[1], state.force[2], state.contact, state.energy
     x, y, z = position
     vx, vy, vz = velocity
-    if not abs(x + y + z + vx + vy + vz + normal_force + approach) < math.inf:
+    given = x + y + z + vx + vy + vz + normal_force + approach + compression
+    along = n[0] + n[1] + n[2] + friction[0] + friction[1] + friction[2]
+    if not abs(given + along) < math.inf:
         put(state.force, (0.0, 0.0, 0.0))
         return 0.0, 0.0, 0.0, state.contact, state.energy
     wx, wy, wz = 0.0, 0.0, 0.0
