@@ -36,11 +36,10 @@ def nothing(stream: str, reader: str, tick: int) -> bool:
 
 
 class Hand(NamedTuple):
-    """The device of a hand, the nodes with its pose and its controller, and the stream of its contact."""
+    """The device of a hand, the node with its pose, and the stream of its contact."""
 
     device: Slot
     pose: Slot
-    controller: Slot | None
     contact: str
 
 
@@ -218,17 +217,16 @@ class Chain:
         """A hand by the nodes that its torque comes through, backwards to its contact."""
         senders = {output.stream: (slot, output.kind) for slot in self.slots for output in slot.outputs}
         pose = next(slot for slot in self._readers(device) if any(output.kind is Pose for output in slot.outputs))
-        found, controller, contact = [device], None, ""
+        found, contact = [device], ""
         for slot in found:
+            controls = any(output.kind is Force for output in slot.outputs)
             for stream in (port.stream for port in slot.inputs):
                 sender, kind = senders.get(stream, (device, DeviceState))
-                if kind is Force:
-                    controller = sender
-                if kind is Contact and slot is controller:
+                if kind is Contact and controls:
                     contact = stream
                 if kind in (Torque, Force) and sender not in found:
                     found.append(sender)
-        return Hand(device, pose, controller, contact)
+        return Hand(device, pose, contact)
 
     def _readers(self, slot: Slot) -> list[Slot]:
         streams = {output.stream for output in slot.outputs}
