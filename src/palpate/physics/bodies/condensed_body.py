@@ -26,9 +26,10 @@ from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.physics.arrays import Indices, Matrix, Record, Vector3
 from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.condensed_contacts import joint_answer, joint_profile
+from palpate.physics.bodies.condensed_contacts import KEPT_TYPE, joint_answer
 from palpate.physics.bodies.condensed_field import add_field, add_half_space
 from palpate.physics.bodies.large_displacement import DEEPEST, DEEPEST_COVERED, stored_energy
+from palpate.physics.bodies.loads.pairs import joint_profile
 from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, interpolate_fine, lies_on, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, without_correction
@@ -54,7 +55,8 @@ class CondensedBody(NamedTuple):
     coupling: Annotated[np.ndarray, "<f8", 2]  # [1] (c,c) O, see `physics.contact.joint`
     cross: Annotated[np.ndarray, "<f8", 2]  # [m/N] (c,c) compliance between patches; the diagonal is 0
     drawn: Annotated[np.ndarray, "<f8", 2]  # [N] (c,3) tangential energy gradient due to the other contacts
-    profile: Annotated[np.ndarray, "<f8", 1]  # for several contacts, see `condensed_contacts.joint_profile`
+    kept: Annotated[np.ndarray, KEPT_TYPE, 2]  # (c,c), see `condensed_contacts.joint_answer`
+    profile: Annotated[np.ndarray, "<f8", 1]  # for several contacts, see `loads.pairs.joint_profile`
     room: Annotated[np.ndarray, "<f8", 3]  # workspace
     field: Annotated[np.ndarray, "<f4", 2]  # [m] (V,3) workspace, displacement of the coarse vertices
     gradient: Annotated[np.ndarray, "<f8", 1]  # [N] (3), and shape [1/m] (3,3), of the last `slope`
@@ -142,8 +144,8 @@ def under(model: step.CondensedModel, ground: Ground, fine: FineMesh, count: int
         model, ground, fine, np.zeros((count, step.FIELDS, size, 3)), np.zeros((count, 3, size), np.int64),
         contacts, np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros((count, 3)),
         np.eye(count), np.zeros((count, count)), np.zeros((count, 3)),
-        joint_profile() if several else np.zeros(0), np.zeros((several, 4, size)), np.zeros((size, 3), np.float32),
-        np.zeros(3), np.zeros((3, 3)),
+        np.zeros((several, several), KEPT_TYPE), joint_profile() if several else np.zeros(0),
+        np.zeros((4, several, size)), np.zeros((size, 3), np.float32), np.zeros(3), np.zeros((3, 3)),
     )  # fmt: skip
 
 
@@ -180,7 +182,7 @@ def answer(body: CondensedBody, laws: Matrix, dt: float):
     else:
         joint_answer(
             model, body.profile, body.fields, body.marks, body.contacts, body.counts, body.normals, body.feet,
-            body.room, body.cross, body.coupling, body.drawn, dt,
+            body.room, body.cross, body.coupling, body.drawn, body.kept, dt,
         )  # fmt: skip
     for i in range(len(laws)):
         contact = body.contacts[i]

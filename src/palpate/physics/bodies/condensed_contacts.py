@@ -2,12 +2,14 @@
 
 The load history h_j of contact j indents the patch of contact i by
 
-    a_ij = (g_i.C h_j + H_ij y_j)/E,    H_ij = (1 - nu²)/pi (X_ij - g_i.T g_j) n_i.n_j,    i != j
+    a_ij = (g_i.C h_j + k_ij)/E,    H_ij = (1 - nu²)/pi (X_ij - g_i.T g_j) n_i.n_j,    i != j
 
-with the shares g of the normal force at the coarse vertices, the compliance C for a modulus of 1 Pa, and the normal
-force y_j that corresponds to h_j on its patch. As in `physics.bodies.true_patch`, a half-space corrects for the hat
-functions: T is its mean 1/r between hat functions, X that between the true loads, X = Y(d/R)/R at the distance d, R²
-the mean of both patches' R²,
+with the shares g of the normal force at the coarse vertices, and the compliance C for a modulus of 1 Pa. While contact
+j bears a load, the correction k_ij is H_ij y_j, with the normal force y_j on its patch that corresponds to h_j. Without
+a load it decays like h_j: a finger that has left the tissue, and whose foot point leaps, would otherwise move the
+tissue under the others in that step. What is left of it when j bears a load again continues to decay. As in
+`physics.bodies.true_patch`, a half-space corrects for the hat functions: T is its mean 1/r between hat functions, X
+that between the true loads, X = Y(d/R)/R at the distance d, R² the mean of both patches' R²,
 
     Y(rho) = integral of (48 J3(x)/x³)² J0(x rho) from 0 to inf,    Y(0) = I,    Y -> 1/rho + 1/(8 rho³)
 
@@ -31,28 +33,16 @@ contacts at the same place equal one with both forces. The tangential energy gra
 
 import numpy as np
 
-from palpate.compiler.exact import cos, product
+from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor
 from palpate.physics.bodies import condensed_step as step
-from palpate.physics.bodies.true_patch import sideways
-from palpate.physics.kept import keep_results
-from palpate.physics.special import gauss_legendre, patch_depth
+from palpate.physics.bodies.loads.pairs import between, hats, sticking
 
-STEP, FARTHEST = 1.0 / 32.0, 6.0  # [1] Step and end of the table of Y over d/R
-
-
-@keep_results
-def joint_profile() -> np.ndarray:
-    """Y at rho = 0, STEP ... FARTHEST: the mean of W (`true_patch.depth_profile`) over a patch at the distance rho, by
-    the Gauss-Legendre rule over its radius and the trapezoidal rule over the angle."""
-    rho = np.arange(0.0, FARTHEST + 0.5 * STEP, STEP)
-    node, weight = gauss_legendre(32)
-    r = 0.5 * (node + 1.0)
-    weight = 0.5 * weight * 6.0 * r * (1.0 - r * r) ** 2
-    turn = (np.arange(64) + 0.5) * np.pi / 64
-    away = np.sqrt(rho[:, None, None] ** 2 + r[:, None] ** 2 + 2.0 * rho[:, None, None] * r[:, None] * cos(turn))
-    return product(patch_depth(away).mean(axis=2), weight)
+KEPT = {"bore": bool, "acts": (4,), "left": (4,)}
+"""State of the correction k_ij: whether contact j bore a load; k_ij [m Pa] and its gradient [Pa] (3) along the surface
+at contact i; what is left of these from a place where contact j bore a load before."""
+KEPT_TYPE = element_type(KEPT)
 
 
 @kernel
@@ -69,6 +59,7 @@ def joint_answer(
     cross: Matrix,
     coupling: Matrix,
     slope: Matrix,
+    kept: Record,
     dt: float,
 ):
     """Coupling between contacts, and large displacement: updates `contacts`, and fills the compliances between patches
@@ -77,30 +68,22 @@ def joint_answer(
 
     fields (c,F,V,3), marks (c,3,V), contacts (c), counts (c,3): of each contact, see `condensed_step`; the third count
                                                                   is filled
-    room   (c,4,V) of each contact: list of its loaded and touched vertices, shares of the patch, two workspaces
+    room   (4,c,V) lists of the loaded and touched vertices of each contact, shares of its patch, two workspaces
+    kept   (c,c) `KEPT` of contact i for each j
     """
-    # lists of vertices and shares of each contact
     many = len(counts)
     aside, others, scale = np.zeros((many, 2)), np.zeros(many), np.zeros(many)
+    listed, shares, responds, near = room[0], room[1], room[2], room[3]
     slope[:] = 0.0
     for i in range(many):
         cross[i, i] = 0.0
-        for k in range(counts[i, 0]):
-            v = marks[i, 0, k]
-            room[i, 0, k], room[i, 1, v] = v, 0.0
-        held = counts[i, 0]
-        for k in range(counts[i, 1]):
-            v = marks[i, 2, k]
-            room[i, 1, v] = fields[i, 2, v, 0]
-            if marks[i, 1, v] == 0:
-                room[i, 0, held] = v
-                held += 1
-        counts[i, 2] = held
+        _list_vertices(fields[i], marks[i], counts[i], listed[i], shares[i])
     # compliances between patches, indentation and gradient due to the others
-    lost = _sticking(model, profile, marks, contacts, counts, normals, feet, room)
+    lost = sticking(model, profile, marks, contacts, counts, normals, feet, shares, near)
     for i in range(many):
         for j in range(i):
-            _pair(i, j, model, profile, fields, marks, contacts, counts, normals, feet, room, cross, aside, slope, lost)
+            _pair(i, j, model, profile, fields, marks, contacts, counts, normals, feet, listed, shares, responds, near,
+                  cross, aside, slope, lost, kept)  # fmt: skip
     # large displacement at the effective forces; tau is the square of `scale`
     take = dt / (dt + model.retardation)
     for i in range(many):
@@ -113,88 +96,40 @@ def joint_answer(
         scale[i] = np.sqrt(tau)
         if len(model.area.forces) > 0:  # growth of the contact is local: the others indent it as a linear organ
             others[i], scale[i] = others[i] / tau, min(scale[i], 1.0)
-    # laws: free indentation without the forces of the others, which act through the coupling
+    _take_others_out(contacts, cross, others, scale, take, coupling)
     for i in range(many):
-        compliance = max(contacts[i].compliance, 1e-300)
-        contacts[i].free += contacts[i].compliance * others[i]
-        for j in range(many):
-            joined = take * cross[i, j] * scale[i] * scale[j]
-            contacts[i].free -= joined * contacts[j].total
-            coupling[i, j] = joined / (compliance + contacts[i].rubs)
-        coupling[i, i] = 1.0
-        step.with_friction(contacts[i])
         for x in range(3):
             slope[i, x] *= contacts[i].total
 
 
 @kernel
-def _between(i: int, j: int, profile: Array, contacts: Record, feet: Matrix, hats: float):
-    """Mean 1/r [1/m] between two true patches minus that of the hat functions; derivative over the distance [1/m³]."""
-    radius = np.sqrt(0.5 * (contacts[i].radius ** 2 + contacts[j].radius ** 2))
-    away = 0.0
-    for x in range(3):
-        away += (feet[i, x] - feet[j, x]) ** 2
-    away = np.sqrt(away)
-    mean, change = _mean_inverse(profile, away / radius)
-    return mean / radius - hats, change / (radius * radius * max(away, 1e-12))
+def _take_others_out(contacts: Record, cross: Matrix, others: Array, scale: Array, take: float, coupling: Matrix):
+    """Laws with the free indentation without the forces of the others, which act through the `coupling`."""
+    for i in range(len(contacts)):
+        compliance = max(contacts[i].compliance, 1e-300)
+        contacts[i].free += contacts[i].compliance * others[i]
+        for j in range(len(contacts)):
+            joined = take * cross[i, j] * scale[i] * scale[j]
+            contacts[i].free -= joined * contacts[j].total
+            coupling[i, j] = joined / (compliance + contacts[i].rubs)
+        coupling[i, i] = 1.0
+        step.with_friction(contacts[i])
 
 
 @kernel
-def _sticking(
-    model: Record,
-    profile: Array,
-    marks: Indices,
-    contacts: Record,
-    counts: Indices,
-    normals: Matrix,
-    feet: Matrix,
-    room: Tensor,
-):
-    """Reduction [m/N] (c,c) of the compliances between patches because they stick, for a modulus of 1 Pa; its diagonal
-    is zero, as c_ii includes it. 0 if patches slide."""
-    many, compliance, true = len(counts), model.compliance, model.true
-    lost, block, held = np.zeros((many, many)), np.zeros((3, 3)), np.zeros((many, 3))
-    if not true.sticks:
-        return lost
-    for i in range(many):
-        _holding(contacts[i].holds, normals[i], held[i])
-        for j in range(i):
-            if contacts[i].organ or contacts[j].organ:  # its patch is another when it parts, but not its history
-                continue
-            # g_i.C g_j, in C_tt with the correction
-            block[:] = 0.0
-            for k in range(counts[i, 1]):
-                v = marks[i, 2, k]
-                for q in range(counts[j, 1]):
-                    b = marks[j, 2, q]
-                    both = room[i, 1, v] * room[j, 1, b]
-                    for x in range(3):
-                        for y in range(3):
-                            block[x, y] += both * compliance[3 * v + x, 3 * b + y]
-            hats = _hats(i, j, true.table, marks, counts, room)
-            more = true.tangential * true.normal * _between(i, j, profile, contacts, feet, hats)[0]
-            total = 0.0
-            for x in range(3):
-                total += held[i, x] * more * held[j, x]
-                for y in range(3):
-                    along = normals[i, x] * held[j, y] + held[i, x] * normals[j, y] + held[i, x] * held[j, y]
-                    total += block[x, y] * along
-            lost[i, j] = lost[j, i] = -total
-    return lost
-
-
-@kernel
-def _holding(holds: Record, normal: Array, held: Array):
-    """Fill the tangential force [1] (3) that holds a patch under a unit normal force."""
-    a, b, d = holds.own[0, 0], holds.own[0, 1], holds.own[1, 1]
-    y, z = holds.cross[0], holds.cross[1]
-    det = a * d - b * b
-    held[:] = 0.0
-    if det > 0.0:
-        axes = np.zeros((2, 3))
-        sideways(normal, axes)
-        for x in range(3):
-            held[x] = -((d * y - b * z) * axes[0, x] + (a * z - b * y) * axes[1, x]) / det
+def _list_vertices(fields: Tensor, marks: Indices, counts: Indices, listed: Array, shares: Array):
+    """List the loaded and touched vertices of a contact, and fill in the shares of its patch."""
+    for k in range(counts[0]):
+        v = marks[0, k]
+        listed[k], shares[v] = v, 0.0
+    held = counts[0]
+    for k in range(counts[1]):
+        v = marks[2, k]
+        shares[v] = fields[2, v, 0]
+        if marks[1, v] == 0:
+            listed[held] = v
+            held += 1
+    counts[2] = held
 
 
 @kernel
@@ -209,33 +144,37 @@ def _pair(
     counts: Indices,
     normals: Matrix,
     feet: Matrix,
-    room: Tensor,
+    listed: Matrix,
+    shares: Matrix,
+    responds: Matrix,
+    near: Matrix,
     cross: Matrix,
     aside: Matrix,
     slope: Matrix,
     lost: Matrix,
+    kept: Record,
 ):
     """Fill c_ij in `cross`, and add a_ij to `aside` and its gradient to `slope`, for both contacts, see `joint_answer`.
 
-    C is read once for both directions. `lost`: of `_sticking`.
+    C is read once for both directions. `lost`: of `sticking`.
     """
     true, compliance, young = model.true, model.compliance, model.young
     n, m, f, g = normals[i], normals[j], fields[i, 0], fields[j, 0]
     # -n.C h of each contact at the vertices of the other, in `mine` and `yours`; g_i.C g_j in `both`
-    mine, yours = room[i, 2], room[j, 2]
+    mine, yours = responds[i], responds[j]
     for k in range(counts[j, 2]):
-        yours[int(room[j, 0, k])] = 0.0
+        yours[int(listed[j, k])] = 0.0
     both = 0.0
     for k in range(counts[i, 2]):
-        v = int(room[i, 0, k])
+        v = int(listed[i, k])
         total = 0.0
         for q in range(counts[j, 2]):
-            b = int(room[j, 0, q])
+            b = int(listed[j, q])
             for x in range(3):
                 row = compliance[3 * v + x]
                 c0, c1, c2 = row[3 * b], row[3 * b + 1], row[3 * b + 2]
                 along = c0 * m[0] + c1 * m[1] + c2 * m[2]
-                both += room[i, 1, v] * room[j, 1, b] * n[x] * along
+                both += shares[i, v] * shares[j, b] * n[x] * along
                 yours[b] -= f[v, x] * along
                 total -= n[x] * (c0 * g[b, 0] + c1 * g[b, 1] + c2 * g[b, 2])
         mine[v] = total
@@ -243,9 +182,9 @@ def _pair(
     facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0) * true.normal
     more = change = 0.0
     if len(true.table) > 0:
-        hats = _hats(i, j, true.table, marks, counts, room)
-        _hats(j, i, true.table, marks, counts, room)
-        more, change = _between(i, j, profile, contacts, feet, hats)
+        common = hats(i, j, true.table, marks, counts, shares, near)
+        hats(j, i, true.table, marks, counts, shares, near)
+        more, change = between(i, j, profile, contacts, feet, common)
     more = facing * more - lost[i, j]
     both += more
     most = np.sqrt(max(contacts[i].self_compliance * contacts[j].self_compliance, 0.0)) * young
@@ -253,19 +192,21 @@ def _pair(
     cross[i, j] = cross[j, i] = share * both
     # indentation a_ij and its gradient, without the part along the normal
     for a, b in ((i, j), (j, i)):
-        press = contacts[b].press
-        done = more * press
-        out = 0.0
+        press = contacts[b].press if contacts[b].total > 0.0 else 0.0
+        keeps, out = kept[a, b], 0.0
+        _keep_correction(a, b, more, facing, change, model, fields, marks, contacts, counts, feet, near, keeps)
+        done = more * press + keeps.left[0]
         for k in range(counts[a, 1]):
             v = marks[a, 2, k]
-            here = room[a, 2, v]
-            done += room[a, 1, v] * here
+            here = responds[a, v]
+            done += shares[a, v] * here
             if len(true.table) > 0:
-                here -= facing * room[a, 3, v] * press
+                here -= facing * near[a, v] * press
             for x in range(3):
                 slope[a, x] += share * fields[a, step.TILT, v, x] * here
         for x in range(3):
             slope[a, x] += share * facing * change * press * (feet[a, x] - feet[b, x])
+            slope[a, x] += share * keeps.left[1 + x]
             out += slope[a, x] * normals[a, x]
         for x in range(3):
             slope[a, x] -= out * normals[a, x]
@@ -273,33 +214,49 @@ def _pair(
 
 
 @kernel
+def _keep_correction(
+    a: int,
+    b: int,
+    more: float,
+    facing: float,
+    change: float,
+    model: Record,
+    fields: Tensor,
+    marks: Indices,
+    contacts: Record,
+    counts: Indices,
+    feet: Matrix,
+    near: Matrix,
+    keeps: Record,
+):
+    """Step k_ab and its gradient: the present correction H_ab [m/N Pa] is `more`, and its half-space's part `facing`
+    times Y/R - g.T g, whose derivative over the distance is `change`.
+
+    While contact b bears a load, that acts in proportion to `press`, and so does what is left of a former place; when
+    it begins to bear one again, that place's part is what the present correction would lack of k_ab.
+    """
+    one, acts, left = contacts[b], keeps.acts, keeps.left
+    loaded, began = one.total > 0.0, one.total > 0.0 and not keeps.bore
+    known = acts[0] != 0.0 and one.course.value > 0.0
+    keeps.bore = loaded
+    for x in range(4):
+        left[x] = one.fading * (acts[x] if began or not loaded else left[x]) if known else 0.0
+        acts[x] = left[x]
+    if not loaded:
+        return
+    before = max(one.press - one.added, 0.0) if began and known else 0.0
+    for x in range(4):
+        now = more if x == 0 else facing * change * (feet[a, x - 1] - feet[b, x - 1])
+        if x > 0 and len(model.true.table) > 0:
+            for k in range(counts[a, 1]):
+                v = marks[a, 2, k]
+                now -= facing * near[a, v] * fields[a, step.TILT, v, x - 1]
+        left[x] -= now * before
+        acts[x] = left[x] + now * one.press
+
+
+@kernel
 def _add_indentation(aside: Array, indentation: float, contact: Record):
     """Add the indentation [m] due to the history of a contact, see `add_others`."""
     aside[0] += indentation
     aside[1] += indentation * contact.course.ahead
-
-
-@kernel
-def _hats(i: int, j: int, table: Matrix, marks: Indices, counts: Indices, room: Tensor):
-    """Mean 1/r [1/m] between the hat functions of two patches; fills that of each vertex of the first into its room."""
-    total = 0.0
-    for k in range(counts[i, 1]):
-        v = marks[i, 2, k]
-        near = 0.0
-        for q in range(counts[j, 1]):
-            b = marks[j, 2, q]
-            near += table[v, b] * room[j, 1, b]
-        room[i, 3, v] = near
-        total += room[i, 1, v] * near
-    return total
-
-
-@kernel
-def _mean_inverse(profile: Array, rho: float):
-    """Y and its derivative at rho [1], by linear interpolation of the table, and the asymptote beyond its end."""
-    at = rho / STEP
-    k = int(at)
-    if k + 1 >= len(profile):
-        return (1.0 + 0.125 / (rho * rho)) / rho, -(1.0 + 0.375 / (rho * rho)) / (rho * rho)
-    rise = profile[k + 1] - profile[k]
-    return profile[k] + (at - k) * rise, rise / STEP

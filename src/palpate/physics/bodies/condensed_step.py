@@ -63,6 +63,7 @@ CONTACT = {
     "total": (),  # [N] normal force of the load
     "corrected": (),  # [m N/N Pa] the history of the correction times the normal force, see `_remembered`
     "recalled": (),  # [m/N] what the compliance of the history is above the present one
+    "fading": (), "added": (),  # [1] what is left of the history in this step; [N] the normal force that it takes in
     "organ": bool,  # load of another organ (`physics.contact.organs`): linear, frictionless
     "rubs": (),  # [m/N] indentation of the next step by the friction that grows with the normal force
     "excess": EXCESS, "holds": HOLDS,
@@ -164,8 +165,8 @@ def take_load(
     young, measure, order = model.young, fields[2], marks[2]
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     total = normal_force(pull, normal)
-    fading = keep * contact.course.ahead
-    count, touched = _take_history(model, patch, pull, share, normal, total, fading, take, fields, marks, count)
+    contact.fading, contact.added = keep * contact.course.ahead, take * (share * total)
+    count, touched = _take_history(model, patch, pull, share, normal, total, contact.fading, take, fields, marks, count)
     bears = (1.0 - take) * (contact.course.ahead * contact.course.value) + take * (share * total)
     advance(contact.course, bears if count > 0 else 0.0, dt)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
@@ -191,7 +192,7 @@ def take_load(
         _exceed(model, contact.excess, radius, thin, curved, total)
     kept = more
     if model.remembers:
-        kept = _remembered(contact, body, more, fading, take * (share * total))
+        kept = _remembered(contact, body, more)
     self_compliance, contact.recalled = (body + more) / young, (kept - more) / young
     press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that corresponds to h
     # indentation due to the tangential load
@@ -206,17 +207,15 @@ def take_load(
 
 
 @kernel
-def _remembered(contact: Record, body: float, more: float, fading: float, added: float):
+def _remembered(contact: Record, body: float, more: float):
     """The correction of the compliance g.C g `body` under the history of a load, both [m/N] for a modulus of 1 Pa: the
     mean, by force, of those of the places of its loads, `more` being that of the present one.
 
     With that of the present place alone, tissue that is already indented would follow each change of the correction at
     once, where it has the time of retardation to follow a change of the load. Next to a gap the correction changes by
     20 % within 3 mm: a slide at 200 mm/s across a cut raised the force by 80 %.
-
-    fading [1]  what is left of the history in this step;  added [N]  the normal force that it takes in
     """
-    contact.corrected = fading * contact.corrected + added * more
+    contact.corrected = contact.fading * contact.corrected + contact.added * more
     if not contact.course.value > 0.0:
         contact.corrected = 0.0
         return more
