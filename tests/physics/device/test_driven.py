@@ -104,7 +104,30 @@ def test_with_exact_positions_the_damping_changes_about_as_fast_as_the_contact(s
         stiffness, rate, 0.0, False, lambda t: 0.0, (0.3, 500.0, 0.0, -2e-3), 1e-3, duration=1.5
     )
     assert -0.02e-3 < work.min() < -2e-6
-    assert np.abs(np.diff(force)).max() < 6.0 * np.abs(np.diff(contact)).max()
+    assert np.abs(np.diff(force)).max() < 2.1 * np.abs(np.diff(contact)).max()
+
+
+@pytest.mark.parametrize("rate", [1000.0, 4000.0, 10_000.0])
+def test_soft_tissue_that_returns_more_than_it_took_is_damped_as_fast_as_it_pushes(rate):
+    """A hand presses by 3 mm and leaves at 0.15 m/s; the tissue takes 1.35 mJ and returns 1.7 mJ. With at least the
+    slope b/t of the device's drag and the lag, the force changed in a tick by 5 and 10 times as much as the contact's
+    at 4 and 10 kHz."""
+    gains = blank_record(
+        GAINS, hysteresis=COUNT, mass=MASS, drag=DRAG, limit=9.0, slew=5000.0, observes=True, passive=True
+    )
+    state, past, deepest, rows = blank_record(STATE), rings(0), 3e-3, []
+    for t in np.arange(0.0, 0.06, 1.0 / rate):
+        x, leaves = abs(0.15 * t - 4e-3) - deepest, 0.15 * t > 4e-3
+        depth = max(-x, 0.0)
+        force = 300.0 * depth + (150.0 * min(deepest - depth, depth) if leaves else 0.0)
+        *shown, _, energy = haptic(
+            gains, state, past, force, (0.0, 0.0, 1.0), STILL, depth, depth, (0.0, 0.0, x),
+            (0.0, 0.0, 0.15 if leaves else -0.15), 1.0 / rate,
+        )  # fmt: skip
+        rows.append((force, shown[2], energy))
+    contact, force, energy = np.array(rows).T
+    assert energy.min() < -50e-6 and np.abs(force - contact).max() > 0.1, "the damping acts"
+    assert np.abs(np.diff(force)).max() < 2.1 * np.abs(np.diff(contact)).max()
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])

@@ -26,10 +26,10 @@ change of mode sets it to the negative energy that is left. Without `driven` all
 body that is not passive.
 
 Dissipating energy within one step would be a kick (0.5 mJ at 0.1 m/s: 5 N). So the damping force changes over a motion
-dx by at most K |dx|, as the contact does: K is the largest slope of its force so far, but at least b/t of the device's
-drag b and the lag t of the loop, and at most 0.1 N per encoder count and the largest rendered stiffness, which it is
-where no slope is known, and after an outage, in which the force returns without motion. With exact positions that
-stiffness is 400 kN/m at 10 kHz, and the damping would be a kick. The force is at most
+dx by at most K |dx|, as the contact does: K is the largest slope of its force so far, at most 0.1 N per encoder count
+and the largest rendered stiffness, which it is where no slope is known, and after an outage, in which the force returns
+without motion. With exact positions that stiffness is 400 kN/m at 10 kHz, and the damping would be a kick.
+The force is at most
 
     sqrt(-2 K E)        from which it can fall to zero at that slope while it dissipates just -E
 
@@ -329,7 +329,7 @@ def brake(gains: Record, state: Record, w: Vector3, v: Vector3, way: float, lag:
     resolution = gains.resolution
     steepest = LEAP / resolution if resolution > 0.0 else stiffest(gains.mass, gains.drag, resolution, lag)
     if state.steepest > 0.0 and state.rise == 0.0:  # see above
-        steepest = min(steepest, max(state.steepest, gains.drag / lag))
+        steepest = min(steepest, state.steepest)
     bx, by, bz = vector(state.brake)
     reach = steepest * way
     rise = min(reach, state.rise * dt) if state.rise > 0.0 else reach
