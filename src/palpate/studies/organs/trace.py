@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.nodes.collision import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.physics.geometry.proxy import EASY
+from palpate.physics.geometry.proxy import EASY, FASTEST
 from palpate.studies.organs.reference import FORCES, AtRest, Place, at_rest
 from palpate.studies.organs.runs import Traces
 from palpate.studies.organs.touches import THICKNESS, touched_surface
@@ -20,6 +20,7 @@ from palpate.studies.organs.touches import THICKNESS, touched_surface
 PAST = 60e-3  # [s] of approach and rate that explain a force
 SMOOTH, SUDDEN = 2e-3, 0.5e-3  # [s] over which the rate of approach, and that of the normal, are measured
 ABOVE = 1.2  # [1] of the quasi-static force
+RECALLS = 2.0  # [1] retardation times for which a former place counts
 LEAST_FORCE = 0.1  # [N] below which directions do not matter
 PATCH = 8e-3  # [m]
 LEAST_CURVATURE = PATCH / 8.0  # [m] R
@@ -112,7 +113,8 @@ class Trace:
         return lift
 
     def most(self, tick: int) -> float:
-        """Force [N] that depth, rate and slide of a tick explain at the places of this tick, `ABOVE` included."""
+        """Force [N] that depth, rate and slide of a tick explain at its places, and at those which a body that recalls
+        them has just left; `ABOVE` included."""
         if self.other is None or not self.other["contact.force"].max() > 0.0:
             return self._most(tick, 0.0)
         mine, yours, lift, theirs = self.yields(tick), self.other.yields(tick), 0.0, 0.0
@@ -126,7 +128,9 @@ class Trace:
     def _most(self, tick: int, lift: float) -> float:
         fast = max(float(self.fast[tick]), self.meets(tick))
         reach, slides, rolls = self.reach[tick] + lift, float(self.slides[tick]), float(self.rolls[tick])
-        return ABOVE * float(self.place(tick).force(reach, fast, slides, rolls))
+        since = tick - RECALLS * self.rest.remembers / self.step
+        places = [tick, *(before for before in self.visited if since <= before < tick)]
+        return ABOVE * max(float(self.place(at).force(reach, fast, slides, rolls)) for at in places)
 
     def meets(self, tick: int) -> float:
         """Rate [m/s] at which the finger approaches the point of the surface that is nearest now: over `SMOOTH`, or by
@@ -174,10 +178,11 @@ class Trace:
     @cached_property
     def slides(self) -> np.ndarray:
         """The greatest speed [m/s] along the surface of the last `PAST` (T), of the finger, or of its foot up to `EASY`
-        times that."""
+        times that or `FASTEST`, at which a foot follows its target under a finger at rest."""
         n, foot = self.ticks(SUDDEN), self["contact.foot"]
         before = np.concatenate([np.repeat(foot[:1], n, axis=0), foot])[: len(foot)]
-        leads = np.minimum(length(foot - before) / (n * self.step), EASY * self.slips)
+        most = np.where(self["contact.force"] > 0.0, np.maximum(EASY * self.slips, FASTEST), 0.0)
+        leads = np.minimum(length(foot - before) / (n * self.step), most)
         return greatest(np.maximum(self.slips, leads), self.ticks(PAST))
 
     @cached_property

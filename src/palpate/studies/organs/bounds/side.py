@@ -19,7 +19,10 @@ face; from there on delta is the angle between the faces, and does not decrease 
 which loses `FASTEST` in `ARRIVES`, has stopped: it first stops on its way, then turns round. The foot of the smooth
 surface through a mesh is between two faces that are equally near, by h: with the angle of the normal alpha, the nearest
 point of the finger moved by h/alpha towards the foot is on the other face, and the normal is within 0.35 rad of the arc
-between both directions.
+between both directions. A foot within 0.2 mm of the nearest point counts as there: over an edge of a coarse mesh the
+interpolated normal turns by 1 rad within this distance. A finger that comes out of the body past another face than that
+of its foot leaves with the approach that it had, which falls by the finger's motion (`geometry.proxy`): it may be
+greater by what it was then, less half of the motion that does not remove it from the surface.
 """
 
 from __future__ import annotations
@@ -36,6 +39,7 @@ BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
 NEAR = 2e-4  # [m] from the surface beyond which an edge is recognized by this direction
 MOVES = EASY  # [1] motion of the nearest point over that of the finger
+CLOSE = 2e-4  # [m] from the nearest point: a foot that is nearer counts as at it
 PART = 1.5e-4  # [m] of the finger's motion between looks for a leap of the nearest point
 EVERY, LONGER = 4e-3, 20e-3  # [s] between comparisons with the nearest point, and of its leaps
 
@@ -81,7 +85,13 @@ def _between_faces(trace: Trace, tick: int, nearest: np.ndarray, away: np.ndarra
     if abs(left[0]) <= ON:
         return np.inf
     other = (place - there[0]) / left[0]
-    return max(0.5 * (angle + _between(other, trace["contact.normal"][tick]) - _between(away, other)), 0.0)
+    return max(_from_arc(trace, away, other, tick), 0.0)
+
+
+def _from_arc(trace: Trace, one: np.ndarray, other: np.ndarray, tick: int) -> float:
+    """Angle [rad] of the normal of a tick to the arc between two directions [1] (3)."""
+    normal = trace["contact.normal"][tick]
+    return 0.5 * (_between(one, normal) + _between(other, normal) - _between(one, other))
 
 
 def _behind(angle: float, gains: float) -> float:
@@ -109,10 +119,10 @@ def side(trace: Trace) -> Score:
     motion = length(step - np.einsum("ti,ti->t", step, normal[1:])[:, None] * normal[1:])
     away = (p[ticks] - foot) / np.where(np.abs(gap) > ON, gap, np.inf)[:, None]
     touching = (gap < THICKNESS) | (trace["collision.approach"][ticks] > 0.0)
-    found, regular, behind, lost, stops = Score(0.0, 0.0, 0.0, 0.0), True, 0.0, 0.0, 0.0
+    found, regular, behind, lost, stops, leaves = Score(0.0, 0.0, 0.0, 0.0), True, 0.0, 0.0, 0.0, 0.0
     for i, k in enumerate(ticks):
         if not touching[i]:
-            regular, behind, lost, stops = True, 0.0, 0.0, 0.0
+            regular, behind, lost, stops, leaves = True, 0.0, 0.0, 0.0, 0.0
             continue
         if i > 0:
             turn = max(_between(each[i - 1], each[i]) for each in ((normal, away) if abs(gap[i]) > ON else (normal,)))
@@ -125,6 +135,7 @@ def side(trace: Trace) -> Score:
             gains = min(max(most - jump[i - 1], 0.0), FASTEST * EVERY) if stops <= 0.0 else 0.0
             behind, stops = max(_behind(behind + turn, gains), least), stops - EVERY
             lost = max(lost - REGAIN * w, 0.0)
+            leaves = max(leaves - 0.5 * max(w - max(float(gap[i] - gap[i - 1]), 0.0), 0.0), 0.0)
         inside = i > 0 and gap[i] < -ON and abs(gap[i - 1]) > ON
         turned = i > 0 and (normal[i] @ normal[i - 1] < 0.5 or (inside and away[i] @ away[i - 1] < 0.5))
         if i > 0 and not turned and min(gap[i - 1], gap[i]) > ON and away[i] @ away[i - 1] < 0.5:
@@ -141,13 +152,17 @@ def side(trace: Trace) -> Score:
         if edge and e < true:
             lost = true - e
             continue
-        away_by, most = float(abs(e - true)), 3e-4 + 0.05 * abs(true) + (lost if e < true else 0.0)
+        if trace["collision.gap"][k] < 0.0 < gap[i]:
+            leaves = max(leaves, e - true)
+        away_by, most = float(abs(e - true)), 3e-4 + 0.05 * abs(true) + (lost if e < true else leaves)
         found = max(found, Score(away_by / most, k * trace.step, away_by, most), key=lambda s: s.score)
         if abs(gap[i]) > 1e-3:
             angle = _between(away[i], trace["contact.normal"][k])
             if edge:  # how far it is from the arc between this direction and the interpolated normal
-                angle += _between(normal[i], trace["contact.normal"][k]) - _between(away[i], normal[i])
-                angle *= 0.5
+                angle = _from_arc(trace, normal[i], away[i], int(k))
+            there = trace["collision.foot"][k]
+            if angle > STEEPEST and length(there - foot[i]) <= CLOSE:
+                angle = min(angle, _from_arc(trace, trace.closest(there[None] + ON * away[i])[1][0], away[i], int(k)))
             if angle > STEEPEST and (other := _on_other_face(trace, int(k), away[i], float(gap[i]))) < angle:
                 angle, behind = other, max(behind, angle)
                 stops = ARRIVES * max(EASY * motion[max(i - 1, 0)], FASTEST * EVERY) / (FASTEST * EVERY)
