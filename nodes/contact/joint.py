@@ -1,5 +1,6 @@
 """Several fingertips on one body."""
 
+import math
 from typing import Annotated, Any
 
 import msgspec
@@ -22,6 +23,8 @@ from palpate.physics.contact.organs.backed import backed_laws
 from palpate.physics.contact.series import series_energy
 
 MISMATCH = 2  # fault: the number of the body's laws differs from the number of fingers
+NEAREST = {"distance": (), "first": int, "second": int, "time": int}
+"""Least distance [m] of two fingers, their indices, and the time [ns]; `second` is 0 before any."""
 NO_FINGER = 1  # fault: no finger with this index
 
 
@@ -76,6 +79,26 @@ def take_laws(own, body, count, neighbour, dt):
         backed_laws(laws, coupled, own.others[:count], yields[:count, :count], own.pressing[:count], step)
 
 
+@kernel
+def measure_distance(own, proximity):
+    """Keep the least distance of two fingers that press the same side of the body, if it is less than their soft tissue
+    is thick."""
+    nearest, count = own.nearest, proximity.count
+    least = nearest.distance if nearest.second > 0 else own.thickness
+    for j in range(1, count):
+        for i in range(j):
+            if not (own.solved[i, 0] > 0.0 and own.solved[j, 0] > 0.0):
+                continue
+            one, other = nth(proximity, i), nth(proximity, j)
+            square = along = 0.0
+            for x in range(3):
+                square += (one.foot[x] - other.foot[x]) ** 2
+                along += one.normal[x] * other.normal[x]
+            if along > 0.0 and square < least * least:
+                least = math.sqrt(square)
+                nearest.distance, nearest.first, nearest.second, nearest.time = least, i, j, one.time
+
+
 class Joint(Series):
     """Up to 16 fingertips on one body, each in series with it as in `Series` (docs/equations/contact.md).
 
@@ -93,6 +116,7 @@ class Joint(Series):
         "moved": (ROOM,), "waited": (),  # [s] since the last sample of each finger; since the last step
         "force": (ROOM,), "solved": (ROOM, 3), "lateral": TABLE,
         "laws": TABLE, "others": (ROOM,), "yields": TABLE, "pressing": (ROOM,),  # of the body; of its neighbours
+        "nearest": NEAREST,
     }  # fmt: skip
 
     def start(self) -> None:
@@ -162,6 +186,7 @@ class Joint(Series):
                 own.approach[:count], length, own.before[:count], own.law[:], own.terminal[:count],
                 own.coupling[: count * count].reshape(count, count), own.force[:count], own.solved[:count],
             )  # fmt: skip
+            measure_distance(own, proximity)
         # New state and output of each contact.
         lateral = floats(own.lateral)
         for i in range(count):
@@ -182,6 +207,18 @@ class Joint(Series):
         out.stored.count = count if own.energy else 0
         out.lateral_force.address = own.lateral.address
         out.lateral_force.shape[0], out.lateral_force.shape[1] = count, 3
+
+    def notes(self) -> list[str]:
+        nearest = self.known["nearest"]
+        if nearest["second"] > 0 and "nearest" not in self._noted:
+            self._noted.add("nearest")
+            when = f" at {nearest['time'] * 1e-9:.3f} s" if nearest["time"] >= 0 else ""
+            self._notes.append(
+                f"{type(self).__name__}: fingers {nearest['first']} and {nearest['second']} (counted from 0) press "
+                f"places {1e3 * nearest['distance']:.2g} mm apart{when}, less than their soft tissue is thick. "
+                "Fingertips do not keep each other apart here: the forces of both are approximate there"
+            )
+        return super().notes()
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         fingers, body, neighbours = messages

@@ -51,6 +51,18 @@ def test_uncoupled_fingers_have_the_forces_of_single_fingers():
     assert together.lateral_force.shape == (3, 3) and len(together.stored) == 3
 
 
+@pytest.mark.parametrize(("apart", "facing", "noted"), [(3.9e-3, 1.0, True), (4.1e-3, 1.0, False), (1e-3, -1.0, False)])
+def test_fingers_that_press_nearly_the_same_place_are_noted(apart, facing, noted):
+    """Not those of a pinch, on two sides of a thin part, nor one that hovers."""
+    joint = Joint(thickness=4e-3)
+    bus = FakeBus(joint, body=tissue(3, np.eye(3)))
+    other = msgspec.structs.replace(near(2e-3), foot=(0.1, 0.2 + apart, 0.3), normal=(0.0, 0.0, facing))
+    bus.publish([near(2e-3), near(-1e-3), other])
+    found = [text for text in joint.notes() if "keep each other apart" in text]
+    assert len(found) == noted and all("0 and 2" in text and "3.9 mm" in text for text in found)
+    assert joint.notes() == [], "once"
+
+
 def test_coupling_reduces_the_force_of_each_of_sixteen_fingers():
     def pressed(share, count):
         coupling = np.full((count, count), share)
@@ -150,7 +162,8 @@ def test_each_finger_beyond_its_law_is_reported_once():
     hard = tissue(2, np.eye(2), laws=[[1e9, 1.0, 0.0, 0.0, 0.0]] * 2)
     bus = FakeBus(Joint(), body=hard)
     assert not bus.node.notes() and not bus.node.condition()
-    bus.publish([near(1e-3), near(4.5e-3)])
+    first = {"foot": (0.0, 0.0, 0.0)}  # not where the second one presses
+    bus.publish([msgspec.structs.replace(near(1e-3), **first), near(4.5e-3)])
     assert bus.node.condition() and ["4.5 mm" in note for note in bus.node.notes()] == [True]
-    bus.publish([near(4.2e-3), near(4.6e-3)])
+    bus.publish([msgspec.structs.replace(near(4.2e-3), **first), near(4.6e-3)])
     assert ["4.2 mm" in note for note in bus.node.notes()] == [True] and not bus.node.notes()

@@ -223,8 +223,19 @@ def test_energy_that_another_finger_has_lost_may_return_to_the_hand(presses, ret
         for force in (np.where(leaves[..., None], share, 1.0) for share in (2.0, returns))
     )
     assert INVARIANTS["energy"](gains).score > 1.0
+    other.values["contact.foot"] = other["contact.foot"] + 0.01
     gains.other, other.other = other, gains
     assert {INVARIANTS["energy"](each).score > 1.0 for each in (gains, other)} == {found}
+
+
+@pytest.mark.parametrize(("apart", "found"), [(3e-3, False), (5e-3, True)])
+def test_energy_of_fingers_that_press_the_same_place_is_not_compared(presses, apart, found):
+    leaves = np.diff(presses["finger.position"][..., 2], axis=1, append=0.0) > 0.0
+    forces = np.where(leaves[..., None], 2.0, 1.0) * presses["controller.force"]
+    one, other = (trace_batch([changed(presses, **{"controller.force": forces})])[0][2] for _ in range(2))
+    other.values["contact.foot"] = other["contact.foot"] + (apart, 0.0, 0.0)
+    one.other, other.other = other, one
+    assert (INVARIANTS["energy"](one).score > 1.0) is found
 
 
 def test_the_wrong_side_is_found(presses):

@@ -11,6 +11,8 @@ THIN = 10e-3  # [m] thickness of a plate
 class PressOfAPlate(dict):
     """A press on a plate to a depth [m], without the mesh of a surface: its two faces are nearest alternately."""
 
+    other = None
+
     def __init__(self, depth, leaps):
         way = np.concatenate([np.linspace(0.0, depth, 200), np.linspace(depth, 0.0, 200)])
         place = np.stack([0.0 * way, 0.0 * way, THIN - way], axis=1)

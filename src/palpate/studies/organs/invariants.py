@@ -54,6 +54,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.studies.organs.bounds.crowded import is_crowded
 from palpate.studies.organs.bounds.felt import lacks
 from palpate.studies.organs.bounds.side import side
 from palpate.studies.organs.runs import Traces
@@ -230,6 +231,8 @@ def still(trace: Trace) -> Score:
 
 def energy_gain(trace: Trace) -> Score:
     fingers = [trace] if trace.other is None else [trace, trace.other]
+    if is_crowded(trace):
+        return Score(0.0, 0.0, 0.0, 0.0)
     if not trace["contact.force"].max() > 0.0 or any(each["contact.force"][-1] > 0.0 for each in fingers):
         return Score(0.0, 0.0, 0.0, 0.0)
     work = np.concatenate([_work(each) for each in fingers])

@@ -1,8 +1,9 @@
 """Nothing silent: a touch that is outside the range of a model must print a note.
 
 Whether it is outside is decided by geometry alone: the tissue is indented by more than its thickness, the patch is
-wider than the body, or the nearest point of the surface jumps while the finger presses (both sides of a thin part, two
-walls of a groove, a focal point). Coarse triangles are refined when they are loaded, which a note of the start reports.
+wider than the body, the nearest point of the surface jumps while the finger presses (both sides of a thin part, two
+walls of a groove, a focal point), or two fingers press nearly the same place. Coarse triangles are refined when they
+are loaded, which a note of the start reports.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from palpate.launch.run.work.simulated import run_simulated
 from palpate.launch.run.work.worker import Worker
 from palpate.nodes import collision
 from palpate.physics.geometry.mesh import Mesh
+from palpate.studies.organs.bounds.crowded import is_crowded
 from palpate.studies.organs.bounds.side import EVERY, MOVES
 from palpate.studies.organs.runs import launch
 from palpate.studies.organs.touches import Touch
@@ -63,7 +65,11 @@ def _jumps(trace: Trace, _: Mesh) -> bool:
     return bool((leap > explained).any() and (farther.any() or (step > explained).any()))
 
 
-REASONS = {"thickness": _exceeds_thickness, "patch": _is_narrow, "jump": _jumps}
+def _crowds(trace: Trace, _: Mesh) -> bool:
+    return is_crowded(trace)
+
+
+REASONS = {"thickness": _exceeds_thickness, "patch": _is_narrow, "jump": _jumps, "fingers": _crowds}
 
 
 def _thickness(foot: np.ndarray, normal: np.ndarray, closest: Callable[..., tuple[np.ndarray, ...]]) -> float:
