@@ -3,8 +3,8 @@
 felt     mean over 50 ms of the contact's force, less what of it acts on the hand, <= 5 % of it + 0.05 N + B v + k u,
          while the contact is softer than `SOFT` x the stiffest law that the device renders (`device.rendered`), and was
          in the last 150 ms, no generated energy is dissipated, and the force is below the device's limit. B v is the
-         damping that compensates the loop's lag, of a finger that moves out at v, and the viscous force of the body at
-         the greatest speed of the last 150 ms, up to 15 %, which ends as steeply as a law; k u the stiffness of the
+         damping that compensates the loop's lag, of a finger that moves out at v, and the viscous force of body and
+         fingertip at the greatest speed of the last 150 ms, up to 15 %, which ends as steeply as a law; k u the stiffness of the
          contact times the motion of the surface by the change of another finger's force.
 """
 
@@ -44,7 +44,8 @@ def lacks(trace: Trace, observed: np.ndarray) -> Score:
     calm &= -greatest(-f, n) > LEAST_FORCE
     out = np.maximum(np.einsum("ti,ti->t", trace["finger.velocity"], trace["contact.normal"]), 0.0)
     allowed = SHARE * size + SLACK + compensation.py_func(SOFT * most, lag, node["drag"]) * out
-    viscous = stiffness * trace.rest.retardation * greatest(length(trace["finger.velocity"]), SINCE * n)
+    fast = greatest(length(trace["finger.velocity"]), SINCE * n)
+    viscous = (stiffness * trace.rest.retardation + f * trace.rest.damping) * fast
     allowed += np.minimum(viscous, VISCOUS * size)
     if trace.other is not None:
         other = trace.other["contact.force"]
