@@ -4,8 +4,8 @@ felt     mean over 50 ms of the contact's force, less what of it acts on the han
          while the contact is softer than `SOFT` x the stiffest law that the device renders (`device.rendered`), and was
          in the last 150 ms, no generated energy is dissipated, and the force is below the device's limit. B v is the
          damping that compensates the loop's lag, of a finger that moves out at v, and the viscous force of body and
-         fingertip at the greatest speed of the last 150 ms, up to 15 %, which ends as steeply as a law; k u the stiffness of the
-         contact times the motion of the surface by the change of another finger's force.
+         fingertip at the greatest speed of the last 150 ms, up to 15 %, which ends as steeply as a law; k u the
+         stiffness of the contact times the motion of the surface by the change of another finger's force.
 """
 
 from __future__ import annotations
