@@ -1,7 +1,7 @@
 #!/bin/sh
 # Lint, spelling, types and tests, in the environment that ./setup.sh dev made: ./check.sh [--fast | --all | docs | pytest arguments]
 # --all: also the slow tests (tests/slow.txt), which runs of the whole suite or of folders leave out, and numpy's types.
-# --fast, after each edit: formulas, messages, nodes, and how graphs are loaded.
+# --fast, after each edit: the tests of the files that differ from the last commit (tests/changed.py).
 # docs: builds the documentation site in docs/_build; a warning is an error.
 set -eu
 cd "$(dirname "$0")"
@@ -19,7 +19,8 @@ if [ "${1:-}" = "docs" ]; then
 fi
 if [ "${1:-}" = "--fast" ]; then
     shift
-    set -- tests/physics tests/messages tests/nodes tests/launch/load tests/test_imports.py "$@"
+    # shellcheck disable=SC2046 # one word for each file
+    set -- --quick $(.venv/bin/python tests/changed.py) "$@"
 fi
 types=$(mktemp)
 case " $* " in

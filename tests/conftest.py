@@ -47,6 +47,7 @@ hypothesis.settings.load_profile("palpate")
 
 def pytest_addoption(parser):
     parser.addoption("--all", dest="all_tests", action="store_true", help="also the tests of tests/slow.txt")
+    parser.addoption("--quick", action="store_true", help="without the tests of tests/slow.txt, of named files as well")
     parser.addoption("--measure", action="store_true", help="write tests/slow.txt from the processor times of this run")
 
 

@@ -20,7 +20,6 @@ import argparse
 import ast
 import contextlib
 import copy
-import functools
 import hashlib
 import importlib
 import os
@@ -38,6 +37,9 @@ import pytest
 
 from palpate.compiler.arithmetic import pin
 
+sys.path.append(str(Path(__file__).parent / "support"))
+from covering import ROOT, TOPS, sources, tests_of
+
 pin()  # as the tests do, before numpy is imported
 for module in [name for name in sys.modules if name.partition(".")[0] == "palpate"]:
     del sys.modules[module]  # a fault's tests import those of its copy
@@ -54,8 +56,6 @@ for library in (
 ):
     importlib.import_module(library)  # once; each fault's tests run in a fork
 
-ROOT = Path(__file__).parent.parent
-TOPS = ("messages", "nodes", "launch", "src/palpate")
 ROOMS = {
     "contact": (40, ("nodes/contact", "src/palpate/physics/contact", "src/palpate/drivers/guard.py",
                      "src/palpate/drivers/limits.py")),
@@ -69,8 +69,6 @@ ROOMS = {
     "rest": (30, TOPS),
 }  # fmt: skip
 """Number of faults of each room, and its files and folders; a file belongs to the first room that names it."""
-RUNS = ("test_real_clock", "test_run", "test_bad_runs", "test_start_barrier", "test_wire", "test_zmtp", "test_replay")
-MOST = 12  # test files of a fault
 PATIENCE = 600  # [s] for the tests of one fault on a quiet machine; a longer one counts as hanging
 SWAPS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Lt: ast.GtE, ast.GtE: ast.Lt,
@@ -144,13 +142,6 @@ def _plant(node: Any) -> None:
             node.value = 0 if node.value else 1
 
 
-@functools.cache
-def sources() -> list[Path]:
-    """All modules, from the repository's root, without the links between folders."""
-    found = (path.relative_to(ROOT) for top in TOPS for path in sorted((ROOT / top).rglob("*.py")))
-    return [path for path in found if not any((ROOT / part).is_symlink() for part in path.parents)]
-
-
 def room_of(file: Path) -> str:
     return next(
         room for room, (_, places) in ROOMS.items() for place in map(Path, places) if place in (file, *file.parents)
@@ -160,55 +151,6 @@ def room_of(file: Path) -> str:
 def listed(room: str, count: int | None = None) -> list[Fault]:
     """The fixed faults of a room, or its first `count`."""
     return faults(file for file in sources() if room_of(file) == room)[: count or ROOMS[room][0]]
-
-
-def module_of(file: Path) -> str:
-    parts = file.with_suffix("").parts
-    parts = parts[2:] if parts[:2] == ("src", "palpate") else parts
-    return ".".join(("palpate", *(part for part in parts if part != "__init__")))
-
-
-@functools.cache
-def imports(file: Path) -> frozenset[str]:
-    """Modules and members of palpate that a file imports, also inside functions."""
-    found = set()
-    for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate"):
-            found |= {node.module or "", *(f"{node.module}.{name.name}" for name in node.names)}
-        if isinstance(node, ast.Import):
-            found |= {name.name for name in node.names if name.name.startswith("palpate")}
-    return frozenset(found)
-
-
-@functools.cache
-def tests_of(file: Path) -> list[str]:
-    """The test files that import a module, the most special ones first, then those of the modules that import it; else
-    those of its folder, which reach it by its name, and of the modules that import it, those that are both first; of
-    `engine` and `launch/run` also those of runs and replays."""
-    tests = [path.relative_to(ROOT) for path in ROOT.glob("tests/**/test_*.py")]
-    near, seen, found = {module_of(file)}, set(), []
-    while near and not (found := [test for test in tests if near & imports(test)]):
-        seen |= near
-        near = {module_of(other) for other in sources() if near & imports(other)} - seen
-    neighbours = in_folder_of(file) if seen else []
-    both, found = {*neighbours} & {*found}, list({*neighbours, *found})
-
-    def rank(test: Path) -> tuple[object, ...]:
-        return file.stem not in test.stem, test not in both, test not in neighbours, len(imports(test)), test
-
-    found.sort(key=rank)
-    if not seen:
-        near = {module_of(other) for other in sources() if near & imports(other)}
-        found += sorted({test for test in tests if near & imports(test)} - {*found}, key=rank)
-    runs = [test for test in tests if test.stem in RUNS] if {"engine", "run"} & set(file.parts) else []
-    return [str(test) for test in dict.fromkeys([*found[:MOST], *sorted(runs)])]
-
-
-def in_folder_of(file: Path) -> list[Path]:
-    """The test files of the folder of a module that is found by its place."""
-    place = Path(*module_of(file).split(".")[1:])
-    folder = next(folder for up in place.parents if (folder := ROOT / "tests" / up).is_dir())
-    return [path.relative_to(ROOT) for path in folder.glob("test_*.py")]
 
 
 def outcome(tree: Path, tests: list[str]) -> str:

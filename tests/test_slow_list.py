@@ -4,9 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+from changed import FOLDERS, covering_tests
+from covering import ROOT, sources
 from slow_tests import choose, read
 
-ROOT = Path(__file__).parents[1]
 END = "end of the run"
 
 
@@ -36,9 +37,25 @@ def test_a_folder_is_run_without_and_a_file_with_its_slow_tests():
     file, test = name.split("::")
     folder = str(Path(file).parent)
 
-    # `./check.sh --fast`, which names a file as well, ran all slow tests
-    runs = [[file], [folder, "--all"], [folder], [folder, "tests/test_imports.py"]]
-    assert [name in found for found in collected(test, runs)] == [True, True, False, False]
+    runs = [[file], [folder, "--all"], [folder], [folder, "tests/test_imports.py"], ["--quick", file]]
+    assert [name in found for found in collected(test, runs)] == [True, True, False, False, False]
+
+
+def test_fast_checks_run_the_tests_of_what_changed():
+    def run(*names):
+        return covering_tests(Path(name) for name in names)
+
+    assert {"tests/nodes/test_joint_node.py", "tests/test_imports.py"} <= {*run("nodes/contact/joint.py")}
+    assert run("tests/units/test_quantity.py", "tests/units/test_that_was_removed.py") == [
+        "tests/test_imports.py",
+        "tests/units/test_quantity.py",
+    ]
+    assert "tests/whole/test_set_up.py" in run("check.sh"), "that names it"
+    assert "tests/physics/bodies/test_condensed_contacts.py" in run("tests/support/pressing.py"), "that imports it"
+    assert run("README.md", "src/palpate/units/__init__.py"), "no test imports it"
+    many = [str(file) for file in sources() if file.parts[0] == "nodes"]
+    assert run(*many) == [*FOLDERS, "tests/test_imports.py"]
+    assert all((ROOT / name).exists() for name in run(*many[:3], "check.sh"))
 
 
 def collected(test, runs):

@@ -2,7 +2,8 @@
 
 `tests/slow.txt` lists them, one test or one case of a test per line. A run of named files or tests runs all tests of
 these files; so do `tests/mutation.py`, which names the files, and `./check.sh --all`. Of folders and of the whole suite
-the listed ones are left out, also where a run names a file as well, as `./check.sh --fast` does.
+the listed ones are left out, also where a run names a file as well; with `--quick`, as by `./check.sh --fast`, of
+named files as well.
 
     ./check.sh --all --measure [FILE]...     writes the list again, for all files or for these
     ./check.sh --measure                     adds what has become slow, without a run of those that are listed
@@ -55,7 +56,7 @@ class SlowTests:
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
         if config.getoption("all_tests"):
             return
-        listed, named = read(), _named_files(config)
+        listed, named = read(), set[Path]() if config.getoption("quick") else _named_files(config)
         left_out = {
             item
             for item in items
