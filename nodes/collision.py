@@ -51,15 +51,7 @@ class _Nearest(Placed, WithWidth, CompiledNode):
     """Fingertip tissue in front of the bone edge, h0."""
     hysteresis: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.01)] = 1e-4
     """The foot point changes to another part of the surface when that part is nearer by this distance."""
-    driven: Annotated[int, "1", msgspec.Meta(ge=-1, le=1)] = -1
-    """1: another finger or a prescribed motion moves the tissue too, so that the finger may touch it above its place at
-    rest: the foot follows at limited speed until the finger is `thickness` farther away; -1: determined when the graph
-    is loaded."""
     conditions = {"outside": "outside its range"}
-
-    def memory(self, border: bool) -> Any:
-        """Of `physics.geometry.proxy`, on a surface with or without a border."""
-        return memory(border, self.thickness, self.thickness if self.driven == 1 else 0.0)
 
     def notes(self) -> list[str]:
         """A note for each cause for which the foot was not the nearest point."""
@@ -136,7 +128,7 @@ class Nurbs(_Nearest):
         super().start()
         patch = surface_patch(self.surface, self.position, self.rotation)
         search = closest.ClosestPoint(patch)
-        held = *search.tables, *search.scratch(), self.memory(self.surface in OPEN)
+        held = *search.tables, *search.scratch(), memory(self.surface in OPEN, self.thickness)
         for name, each in zip([n for n in self.State if n not in CAUTIONS], held, strict=True):
             self.hold(name, each)
         if is_bridged(self.surface, self.width):  # a lane of an ensemble, or a node by itself
@@ -190,7 +182,7 @@ class Mesh(_Nearest, OnSurface):
         elif bridged.felt is not None:
             origin[:] = bridged.felt.origin[origin]
         border = edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0
-        held = *tables.arrays, *search.scratch(), self.memory(border)
+        held = *tables.arrays, *search.scratch(), memory(border, self.thickness)
         for name, each in zip([n for n in self.State if n not in (*CAUTIONS, *SHARED)], held, strict=True):
             self.hold(name, each)
         if self.surface not in SURFACES:

@@ -182,23 +182,20 @@ class ContactPaths:
                 )  # fmt: skip
 
     def place_driven(self, nodes: dict[str, NodeSpec]) -> None:
-        """Set `driven` of each controller and of its collision nodes: whether another finger, or a prescribed motion,
-        moves the tissue that its finger touches, directly or through other organs."""
+        """Set `driven` of each controller: whether another finger, or a prescribed motion, moves the tissue that its
+        finger touches, directly or through other organs."""
         tissue = [w for w in self.wires if issubclass(w.port.type, TISSUE)]
         moving = {w.producer for w in tissue if issubclass(w.port.type, Support) and not self.incoming.get(w.producer)}
         solvers = {name: {self._solver(contact) for contact in self.pressing(name)} for name in self._senders(Force)}
         for name in self._senders(Force):
-            near = {wire.producer for contact in self.pressing(name) for wire in self._of(contact, Proximity)}
-            unset = [node for node in (name, *sorted(near)) if nodes[node].settings.get("driven") == -1]
-            if not unset:
+            if nodes[name].settings.get("driven") != -1:
                 continue
             reached = list(solvers[name])
             for node in reached:
                 ends = [(w.producer, w.consumer) for w in tissue if node in (w.producer, w.consumer)]
                 reached += dict.fromkeys(end for pair in ends for end in pair if end not in reached)
             fingers = sum(1 for touched in solvers.values() if not touched.isdisjoint(reached))
-            for node in unset:
-                nodes[node].settings["driven"] = int(fingers > 1 or not moving.isdisjoint(reached))
+            nodes[name].settings["driven"] = int(fingers > 1 or not moving.isdisjoint(reached))
 
     def _check_orders(self, faults: Faults) -> None:
         """A fault for each node with several multiple inputs whose senders belong to different fingers. Inputs of

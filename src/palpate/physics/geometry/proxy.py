@@ -42,7 +42,6 @@ is also continuous, because a viscous body responds to it: while the foot trails
 n.dp, as for a foot at rest, and then as that of the target; and it covers the larger share of |dp|/`LANDING` and
 dt/`ARRIVES` of the difference to it, less while the foot starts. The rate of a gap that rises to the true one begins
 and ends within these lengths or times, too. A foot that the nearest point does not outrun is the nearest point exactly.
-All this ends where the tool's tissue leaves the surface, or, where something else may lift that, is as far away.
 """
 
 import numpy as np
@@ -90,15 +89,13 @@ FADES = 5e-3  # [m/s] Speed at which the gap of a tool that leaves rises while i
 OUT, IN, LEAVES = range(3)
 """Side of a tool: outside, inside, leaving a thin body."""
 MEMORY = {
-    "started": bool, "near": bool, "side": int, "gap": (), "tool": (3,), "foot": (3,), "normal": (3,), "place": (2,),
-    "triangle": int, "shown": int, "border": bool, "thickness": (), "lifted": (),
+    "started": bool, "side": int, "gap": (), "tool": (3,), "foot": (3,), "normal": (3,), "place": (2,),
+    "triangle": int, "shown": int, "border": bool, "thickness": (),
     "behind": (), "passed": bool, "kept": bool, "off": (), "pace": (), "step": (3,), "turned": (3,), "coast": (3,),
     "drift": (), "rising": (),
 }  # fmt: skip
 """
 started    whether a last step exists
-near       whether the tool's tissue has touched the surface since it was away from it by more than `lifted`
-lifted     by how much something else may lift the surface [m]
 side       `OUT`, `IN` or `LEAVES`
 gap, tool, foot, normal  of the last step: gap [m], tool [m], foot [m], normal [1]
 place      u and v of the target; on a mesh the weights of the smooth foot [1]
@@ -117,10 +114,10 @@ rising     share [1] of the tool's motion by which the gap of one that leaves a 
 """
 
 
-def memory(border: bool = False, thickness: float = 0.0, lifted: float = 0.0) -> Record:
-    """Memory of a tool before its first step, for a surface with or without a border that something else may lift by so
-    much [m], and a tool with soft tissue of this thickness [m]."""
-    return blank_record(MEMORY, border=border, thickness=thickness, lifted=lifted)
+def memory(border: bool = False, thickness: float = 0.0) -> Record:
+    """Memory of a tool before its first step, for a surface with or without a border, and a tool with soft tissue of
+    this thickness [m]."""
+    return blank_record(MEMORY, border=border, thickness=thickness)
 
 
 @kernel
@@ -236,10 +233,9 @@ def _approach(p: Vector3, moved: float, held: float, other: bool, dt: float, foo
     other  whether the gap of the target is that of another face than in the last step
     """
     deep, behind, target, least = memory.thickness - memory.gap, memory.behind, foot.distance, -np.inf
-    memory.near = deep > 0.0 or (memory.near and deep > -memory.lifted)
-    start = held + memory.drift if other and memory.near else _moved_gap(target, moved, memory)
+    start = held + memory.drift if other and deep > 0.0 else _moved_gap(target, moved, memory)
     memory.behind, pace, memory.pace, trails, catches = 0.0, memory.pace, 0.0, False, 1.0
-    if memory.near:
+    if deep > 0.0:
         turn = move = along = 0.0
         for k in range(3):
             turn += (foot.normal[k] - memory.normal[k]) ** 2
@@ -280,7 +276,7 @@ def _approach(p: Vector3, moved: float, held: float, other: bool, dt: float, foo
     gap = max(min(max(gap, memory.gap - moved), memory.gap + moved), least)
     if not trails:
         rest(memory)
-        if memory.near:
+        if deep > 0.0:
             keep_step(memory, foot)
             memory.drift = gap - held
     memory.off = target - gap if abs(target - gap) > ROUNDING else 0.0
@@ -316,7 +312,7 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, kept: bool, dt: f
             memory.drift, memory.rising = (drift, memory.rising) if leaves else (0.0, 0.0)
             exists = False
     else:
-        memory.off, memory.rising, memory.near = 0.0, 0.0, False
+        memory.off = memory.rising = 0.0
         rest(memory)
     memory.started, memory.gap, memory.kept = True, foot.distance, kept
     for k in range(3):
