@@ -17,6 +17,7 @@ GONE = 2.0 * FALL  # [s] time in which the force falls to zero when the body is 
 KNOWN = 10e-3  # [s] duration of a gap in which the hand may brake: 0.4 m/s at 40 m/s^2
 REST = 1e3  # [s] duration after which any body is at rest
 RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage (`regained`)
+LEAP, AHEAD = 1e-4, 6.0  # [m], [1] motion of a foot, and over that of the finger, beyond which it leapt
 NOTHING = (0.0, 0.0, 0.0)
 
 FINGER = {
@@ -25,6 +26,7 @@ FINGER = {
     "law": (5,), "step": (), "relaxation": (), "hears": bool,  # of the body's last message; whether it has sent one
     "apart": bool,  # whether the finger has not pressed the body since it is missing
     "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
+    "foot": (3,), "leapt": bool,  # [m] of the last step; whether it leapt then, see `leaps`
     "sampled": int,  # [ns] time of the last sample of the approach; -1: unknown
     "course": COURSE,  # of the compression (`physics.contact.end_rate`)
     "aside": (3,),  # tangential over normal force [1]
@@ -71,6 +73,25 @@ def regained(withheld, dt):
         return max((withheld - CATCH_UP * dt) / (1.0 + dt / RETURN), 0.0)
     root = max(math.sqrt(withheld) - math.sqrt(CATCH_UP / RETURN) * dt, 0.0)
     return root * root
+
+
+@kernel
+def leaps(finger, proximity, dt):
+    """Keep the foot; whether it leapt in this step of dt [s].
+
+    Under a finger that indents the undeformed surface it moves slowly (`geometry.proxy`). Above that it follows the
+    nearest point at once, and tissue that something else lifts may touch the finger there. The law of the next step is
+    that of the new place: its indentation has leapt, and a viscous fingertip would answer to that with a kick. So the
+    finger begins there again, as after an outage.
+    """
+    slip, foot = proximity.slip, proximity.foot
+    moved = abs(depth_of(proximity) - finger.depth) + dt * math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2)
+    square = 0.0
+    for x in range(3):
+        square += (foot[x] - finger.foot[x]) ** 2
+        finger.foot[x] = foot[x]
+    above = finger.compression > 0.0 and not proximity.approach > 0.0
+    return above and square > (LEAP + AHEAD * moved) ** 2
 
 
 @ieee_kernel
@@ -128,16 +149,18 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt, moved):
     law, step [s], relaxation [s], time [ns]  of that message
     dt, moved  [s] since the last step and since the last sample, see `nodes.base.samples`
     """
+    leapt = leaps(finger, proximity, dt)
     length = step_length(finger, proximity, moved) if moved > 0.0 else dt
     depth = depth_of(proximity)
     if there:
+        finger.settled, finger.leapt = finger.settled and not finger.leapt, leapt
         for i in range(5):
             finger.law[i] = law[i]
         finger.step, finger.relaxation, finger.hears, finger.apart = step, relaxation, True, False
         age = (proximity.time - time) * 1e-9 if proximity.time >= 0 and time >= 0 else dt
         law = law_now(finger, law, step, relaxation, age, dt, moved, length)
         finger.previous = law[4]
-        # effective approach: the whole approach, reduced for some time after the body was missing
+        # effective approach: the whole approach, reduced for some time after the body was missing, or the foot leapt
         if not finger.settled and proximity.tick > 0:
             finger.withheld = depth - finger.compression - finger.previous
         elif finger.withheld > 0.0:

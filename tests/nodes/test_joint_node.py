@@ -63,6 +63,29 @@ def test_fingers_that_press_nearly_the_same_place_are_noted(apart, facing, noted
     assert joint.notes() == [], "once"
 
 
+@pytest.mark.parametrize("make", [Series, Joint])
+@pytest.mark.parametrize("rate", [1e3, 1e4])
+def test_a_foot_that_leaps_over_lifted_tissue_does_not_kick(make, rate):
+    """A finger above the undeformed surface touches tissue that another one lifts by 1.6 mm. Its foot leaps by 2 mm to
+    tissue lifted by 0.3 mm more: the force rose to 17 N for a tick at 10 kHz. It now returns within 0.2 s."""
+    node = make()
+    node.start()
+
+    def force(place, lifted):
+        seen = msgspec.structs.replace(near(-1e-5), foot=(place, 0.0, 0.0), tick=force.tick)
+        force.tick += 1
+        body = tissue(rest_indentation=-lifted, previous_indentation=-lifted)
+        answer = node.step([seen] if make is Joint else seen, body, dt=1.0 / rate)
+        return float(np.ravel(answer.force)[0])
+
+    force.tick = 1
+    first = [force(0.0, 1.6e-3) for _ in range(round(0.2 * rate))]
+    leapt = [force(2e-3, 1.6e-3), *(force(2e-3, 1.9e-3) for _ in range(round(0.2 * rate)))]
+    assert first[-1] > 0.07 and leapt[0] == first[-1]
+    assert leapt[-1] > 1.3 * first[-1] and max(leapt) < 1.02 * leapt[-1]
+    assert np.diff(leapt).max() * rate < 75.0  # [N/s]
+
+
 def test_coupling_reduces_the_force_of_each_of_sixteen_fingers():
     def pressed(share, count):
         coupling = np.full((count, count), share)
