@@ -19,7 +19,7 @@ from palpate.physics.geometry.refined.divided import refine_mesh
 from palpate.physics.geometry.topology import edge_counts
 from palpate.studies.organs.gaps import HIGH, LONG, slots_of
 from palpate.studies.organs.shapes import star
-from palpate.studies.organs.zoo import COARSE, GAPPED
+from palpate.studies.organs.zoo import COARSE, GAPPED, USUAL, mesh_of
 
 R = 8e-3
 TOP = 6e-3  # [m] of the bodies
@@ -307,6 +307,21 @@ def test_a_valley_whose_triangles_all_reach_its_rims_is_bridged_by_a_cylinder():
     assert felt.depth == approx(R * (np.sqrt(2.0) - 1.0), rel=0.01)
     assert felt.place[1:] == approx([0.0, floor], abs=1e-9)
     assert felt.area == approx(0.5 * np.pi * R * length, rel=0.05)  # less the strips next to the rims
+
+
+@pytest.mark.parametrize("count", [USUAL, COARSE])
+def test_in_a_corner_the_normals_of_the_bridge_are_towards_the_axis_of_the_ball(count):
+    """It is tangent to both faces, and a point of a face just beyond is nearly as near to it: as a rim, about which the
+    ball turns, it turned the normals of all points within 8 mm by up to 0.31 rad."""
+    given = mesh_of("l-shape", count)
+    felt = close_surface(refine_mesh(given, 1.6e-3, 50_000), R, given=given).mesh
+    x, y, z = felt.vertices.T
+    inner = np.flatnonzero((np.abs(y) < 14e-3) & (np.minimum(x, z) > -1e-4) & (np.maximum(x, z) < 7e-3))
+    assert len(inner) > 500
+    toward = np.stack([R - x, np.zeros(len(x)), R - z], axis=1)[inner]
+    toward /= np.linalg.norm(toward, axis=1)[:, None]
+    angle = np.arccos(np.clip(np.einsum("ij,ij->i", toward, felt.normals[inner]), -1.0, 1.0))
+    assert angle.max() < 0.05
 
 
 def test_an_open_sheet_with_a_groove_is_refused():

@@ -93,6 +93,8 @@ def find_rims(points: np.ndarray, touched: MeshClosestPoint, centres: MeshCloses
     wide = np.linalg.norm(other - foot, axis=1)
     reach = np.minimum(radius * tilt, 0.5 * wide)
     good &= (reach > LEAST * radius) & (tilt < STEEP)
+    # where the ball is tangent to the body it comes close to points beyond, about which it would turn away from the gap
+    good &= einsum("ij,ij->i", other - foot, bridge - body) > 0.0
     if not good.any():
         return None
     foot, body, bridge, reach = foot[good], body[good], bridge[good], reach[good]
