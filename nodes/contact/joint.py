@@ -12,10 +12,11 @@ from palpate.messages.contact import Neighbour
 from palpate.messages.record import ROOM
 from palpate.nodes.base import TABLE, CompiledNode, InputError, Out, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
-from palpate.nodes.base.samples import sample_of, since
+from palpate.nodes.base.samples import sample_of
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
 from palpate.nodes.contact.neighbours import add_neighbours
+from palpate.nodes.contact.seen import SEEN, begin, see
 from palpate.nodes.contact.series import BAD_LAW, BODY, Series, law_of
 from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.joint import joint_step
@@ -80,16 +81,16 @@ def take_laws(own, body, count, neighbour, dt):
 
 
 @kernel
-def measure_distance(own, proximity):
+def measure_distance(own, count):
     """Keep the least distance of two fingers that press the same side of the body, if it is less than their soft tissue
     is thick."""
-    nearest, count = own.nearest, proximity.count
+    nearest = own.nearest
     least = nearest.distance if nearest.second > 0 else own.thickness
     for j in range(1, count):
         for i in range(j):
             if not (own.solved[i, 0] > 0.0 and own.solved[j, 0] > 0.0):
                 continue
-            one, other = nth(proximity, i), nth(proximity, j)
+            one, other = own.seen[i], own.seen[j]
             square = along = 0.0
             for x in range(3):
                 square += (one.foot[x] - other.foot[x]) ** 2
@@ -107,11 +108,14 @@ class Joint(Series):
 
     Of other bodies that touch the body, `neighbour` has the contacts (`contact.Side`), in the order of their loads,
     which follow those of the fingers: all fingers feel them in the same step, as with `contact.Backed`.
+
+    A finger whose messages are missing is lifted off the body within 8 ms (`nodes.contact.seen`); the others stay.
     """
 
     shares_patch = False
     State = {
-        "finger": (ROOM, FINGER), "law": (5,),  # the fingertips; their elastic law and its damping
+        "finger": (ROOM, FINGER), "seen": (ROOM, SEEN),  # the fingertips, and where they are
+        "law": (5,),  # their elastic law and its damping
         "approach": (ROOM,), "before": (ROOM,), "terminal": (ROOM, 5), "coupling": (ROOM * ROOM,),  # of `joint_step`
         "moved": (ROOM,), "waited": (),  # [s] since the last sample of each finger; since the last step
         "force": (ROOM,), "solved": (ROOM, 3), "lateral": TABLE,
@@ -121,6 +125,7 @@ class Joint(Series):
 
     def start(self) -> None:
         super().start()
+        begin(self.own["seen"])
         self.hold("lateral", np.zeros((ROOM, 3)))
         self.hold("laws", np.zeros((ROOM, 5)))
         self.hold("yields", np.zeros((ROOM, ROOM)))
@@ -134,7 +139,10 @@ class Joint(Series):
         laws = floats(own.laws)
         for i in range(count):
             law = laws[i, 0], laws[i, 1], laws[i, 2], laws[i, 3], laws[i, 4]
-            if not finger.at_rest(own.finger[i], nth(proximity, i), True, law, body.step, body.relaxation):
+            near = nth(proximity, i)
+            if not near.there or own.seen[i].missing:
+                return False
+            if not finger.at_rest(own.finger[i], near, True, law, body.step, body.relaxation):
                 return False
         for i in range(count):
             own.finger[i].sampled = sample_of(nth(proximity, i))
@@ -143,7 +151,7 @@ class Joint(Series):
     @ieee_kernel
     def compute(
         own,
-        proximity: list[Proximity],
+        proximity: list[Proximity | None],
         body: Annotated[Surface | None, Wants(*BODY.names, "laws", "slopes", "coupling")],
         neighbour: list[Neighbour | None],
         out: Out[Contacts],
@@ -152,7 +160,7 @@ class Joint(Series):
         # Time since the last sample of each finger; without a newer one of any, the answer stays.
         count, longest = proximity.count, 0.0
         for i in range(count):
-            own.moved[i] = since(own.finger[i], sample_of(nth(proximity, i)), dt)
+            own.moved[i] = see(own.seen[i], own.finger[i], nth(proximity, i), dt)
             longest = max(longest, own.moved[i])
         if longest == 0.0 and body.there and count > 0:
             own.waited += dt
@@ -168,7 +176,7 @@ class Joint(Series):
         # Approach, fingertip law and terminal law of each contact.
         pressed, length, time = False, 0.0, sample_of(body)
         for i in range(count):
-            one, near = own.finger[i], nth(proximity, i)
+            one, near = own.finger[i], own.seen[i]
             moved = own.moved[i]
             arrive(one.course, near.tick if own.second_order and moved == dt else -1)
             given = laws[i, 0], laws[i, 1], laws[i, 2], laws[i, 3], laws[i, 4]
@@ -186,14 +194,14 @@ class Joint(Series):
                 own.approach[:count], length, own.before[:count], own.law[:], own.terminal[:count],
                 own.coupling[: count * count].reshape(count, count), own.force[:count], own.solved[:count],
             )  # fmt: skip
-            measure_distance(own, proximity)
+            measure_distance(own, count)
         # New state and output of each contact.
         lateral = floats(own.lateral)
         for i in range(count):
             one, f = own.finger[i], own.solved[i]
             gradient, shape, sloped = slope_for(body, several, i)
             out.force.values[i], out.indentation.values[i], rate, out.indentation_rate.values[i], along = finger.settle(
-                one, nth(proximity, i), body.there, gradient, shape, sloped, own.law[4], own.thickness, pressed,
+                one, own.seen[i], body.there, gradient, shape, sloped, own.law[4], own.thickness, pressed,
                 (f[0], f[1], f[2]), dt,
             )  # fmt: skip
             out.compression.values[i], out.compression_rate.values[i] = one.compression, rate
@@ -235,21 +243,33 @@ class Share(CompiledNode):
     """The contact of one of the fingers of a `contact.Joint`: the one with the same input `proximity`.
 
     finger  its index at the joint, from 0; -1: determined when the graph is loaded
+
+    While `proximity` is missing, the contact stays at its last place: the joint lifts the finger off there, and the
+    body must feel that.
     """
 
     finger: Annotated[int, "1", msgspec.Meta(ge=-1, lt=ROOM)] = -1
 
+    State = {"foot": (3,), "normal": (3,)}  # [m], [1] of the last message
+
+    def start(self) -> None:
+        super().start()
+        self.own["normal"] = (0.0, 0.0, 1.0)
+
     @kernel
     def compute(
-        own, contacts: Contacts, proximity: Annotated[Proximity, Wants("foot", "normal")], out: Out[Contact], dt
+        own, contacts: Contacts, proximity: Annotated[Proximity | None, Wants("foot", "normal")], out: Out[Contact], dt
     ):
         i = own.finger
         if not 0 <= i < contacts.force.count:
             own.fault = NO_FINGER
             return
         out.delayed = contacts.delayed
-        put(out.foot, vector(proximity.foot))
-        put(out.normal, vector(proximity.normal))
+        if proximity.there:
+            put(own.foot, vector(proximity.foot))
+            put(own.normal, vector(proximity.normal))
+        put(out.foot, vector(own.foot))
+        put(out.normal, vector(own.normal))
         out.force = contacts.force.values[i]
         out.compression, out.indentation = contacts.compression.values[i], contacts.indentation.values[i]
         out.compression_rate = contacts.compression_rate.values[i]

@@ -11,7 +11,7 @@ from palpate.launch.run.work import expiry
 from palpate.studies.faults import search as searching
 from palpate.studies.faults.chain import Chain
 from palpate.studies.faults.draw import draw_faults
-from palpate.studies.faults.fault import Fault
+from palpate.studies.faults.fault import Fault, suffer
 from palpate.studies.faults.judge import judge, needed_nodes
 from palpate.studies.faults.search import search
 from palpate.studies.faults.touch import feel
@@ -82,8 +82,8 @@ def test_what_the_second_hand_feels_is_judged(touched_by_two, monkeypatch):
     touch, run, base = touched_by_two
     assert [hand.contact for hand in run.hands] == ["contact-1", "contact-2"] and len(base.hands) == 2
     first, second = (needed_nodes(run, hand.device) for hand in run.hands)
-    assert {"finger-2", "controller-2", "statics-2"} <= second and "joint" in first & second
-    assert "controller-2" not in first and "controller-1" not in second
+    assert {"finger-2", "collision-2", "controller-2", "statics-2"} <= second and "joint" in first & second
+    assert not {"finger-2", "collision-2", "controller-2"} & first and "controller-1" not in second
     forces = []
     feel(run, round(touch.duration * touch.rate), lambda tick, felt: forces.append(felt.others[0].force))
     at = max(range(len(forces)), key=forces.__getitem__)
@@ -92,6 +92,27 @@ def test_what_the_second_hand_feels_is_judged(touched_by_two, monkeypatch):
     monkeypatch.setattr(expiry, "HELD", 10.0)
     monkeypatch.setattr(expiry, "RELEASED", 10.0)
     assert scores(touched_by_two, stopped)["silence"].broken
+
+
+@pytest.mark.parametrize("node", ["device-2", "finger-2", "collision-2"])
+def test_a_hand_keeps_its_force_while_that_of_another_finger_has_stopped(touched_by_two, node):
+    """Both lost it within 15 ms, because the contacts of all fingers on a body are solved together. The places of this
+    body are not coupled, so the hand feels what it usually does."""
+    touch, run, _ = touched_by_two
+    usual: list[tuple[float, float]] = []
+    ticks = round(touch.duration * touch.rate)
+    feel(run, ticks, lambda tick, felt: usual.append((felt.hand, felt.others[0].hand)))
+    both = [min(hands) for hands in usual]
+    at, lasts = max(range(len(both)), key=both.__getitem__), round(0.08 * touch.rate)
+    stopped = Fault("stops", node, "", between(at, at + lasts), "")
+    found: list[tuple[float, float]] = []
+    suffer(run, [stopped], ticks, lambda tick, felt: found.append((felt.hand, felt.others[0].hand)))
+    assert both[at] > 0.3
+    assert [one for one, _ in found] == pytest.approx([one for one, _ in usual], abs=0.02)
+    if node != "device-2":  # a device that has stopped keeps its torque
+        assert max(two for _, two in found[at + round(0.022 * touch.rate) : at + lasts]) == 0.0
+    assert found[-1][1] > 0.3 * usual[-1][1]
+    assert not any(score.broken for score in scores(touched_by_two, stopped).values())
 
 
 def test_faults_of_processes_have_no_fingers():

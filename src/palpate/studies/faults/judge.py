@@ -131,15 +131,20 @@ class _Energy:
 
 
 def needed_nodes(run: Chain, device: Slot | None = None) -> set[str]:
-    """The nodes without whose messages a device, by default the first one, has no torque. Without friction or a texture
-    the force continues."""
+    """The nodes without whose messages a device, by default the first one, has no torque. Without friction, a texture
+    or the place of another finger on the same body the force continues."""
     device = device or run.device
     senders = {output.stream: (slot, output.kind) for slot in run.slots for output in slot.outputs}
+    own = next((hand.contact for hand in run.hands if hand.device is device), "")
     found: set[str] = set()
     waiting = [device]
     while waiting:
-        for stream in (port.stream for port in waiting.pop().inputs):
-            sender, kind = senders.get(stream, (device, DeviceState))
+        slot = waiting.pop()
+        mine = any(output.stream == own for output in slot.outputs)
+        for port in slot.inputs:
+            sender, kind = senders.get(port.stream, (device, DeviceState))
+            if kind is Proximity and port.port.optional and not mine:
+                continue  # `contact.Joint` and the `contact.Share` of another finger do without
             if kind in FORCE_PATH and sender.name not in found:
                 found.add(sender.name)
                 waiting.append(sender)
