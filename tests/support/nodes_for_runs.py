@@ -48,6 +48,14 @@ class Drag(Node):
         return Friction(force=(0.1 * pose.velocity[0] * force.force[0], 0.0, 0.0), bristle=(0, 0, 0), stick=False)
 
 
+class Both(Node):
+    """A spring from each of the points that are not missing."""
+
+    def step(self, poses: list[Pose | None]) -> Force:
+        there = [pose.position[0] for pose in poses if pose is not None]
+        return Force(force=(-sum(there), 0.0, 0.0), state="free", energy=0.0)
+
+
 class FaultyDrag(Drag):
     """Fails at a chosen step."""
 

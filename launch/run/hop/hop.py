@@ -167,18 +167,20 @@ class Hop:
         self._complete(reached, why, host)
         return reached + 1
 
-    def run_real(self, host: Any, origin: int, lead: Slot) -> int:
+    def run_real(self, host: Any, origin: int, lead: Slot, until: int | None) -> int:
         """Run ticks of the real clock as far as one call goes; returns their number. 0: the next one does not begin
         soon, or it begins in a way that the loop in Python handles. NodeError: a node failed.
 
         origin  [ns] time of tick 0;  lead  the node whose input or clock starts a tick
+        until   [ns] after which the first driver of the lead is not waited for; None: it is the only one
         """
         if not self._set_lead(lead):
             return 0
         state, worker = self._state[0], self._worker
         sends = worker.pauses.unsent  # then the messages of this tick wait in the journals: no node awaits them
         self._prepare()
-        state["origin"], state["last"] = origin, worker.tick
+        state["origin"], state["last"], state["begun"] = origin, worker.tick, host.deadline - host.period
+        state["held"] = 0 if until is None else until - state["begun"]
         state["end"] = FAR if worker.last is None else worker.last
         # Each worker returns to Python after other ticks than the others, since they share the core.
         most = 1 if self._bus.served_readers() or sends else self._block - (worker.tick + 1 + self._phase) % self._block
@@ -187,7 +189,9 @@ class Hop:
         if why in (DONE, BETWEEN):
             if not (sends and ran):
                 self._hand_over()
-            if not ran:
+            if ran:
+                host.begins(worker.tick, int(state["time"]), int(state["begun"]))
+            else:
                 self.release()
             return ran
         host.begins(int(state["now"]), int(state["time"]), int(state["begun"]))

@@ -89,7 +89,8 @@ def await_tick(hop):
 @kernel
 def follow_driver(hop):
     """Wait for the next driving message and use the newest: whether one has arrived, its tick and its time [ns].
-    Skipped messages for a run of the node's divisor count as lost."""
+    Skipped messages for a run of the node's divisor count as lost. If other inputs may drive the node, the loop in
+    Python chooses one when this one is late."""
     port, row = port_at(hop.port), row_at(hop.lead)
     wire, received = wire_at(port.wire), False
     zero = np.int64(0)
@@ -103,7 +104,7 @@ def follow_driver(hop):
             if head.tick > hop.last:
                 return True, head.tick, head.time
             count = runs = zero
-        elif count == 0 and (state == ODD or fill(wire, 0) <= 0):
+        elif count == 0 and (state == ODD or not arrives(hop, wire) or fill(wire, 0) <= 0):
             break
         else:
             received = True
@@ -122,6 +123,12 @@ def await_wire(hop, wire, until):
     set_word(hop.scratch + 8, left // 1000000000)
     set_word(hop.scratch + 16, left % 1000000000)
     return ppoll(hop.scratch, 1, hop.scratch + 8, 0)
+
+
+@kernel
+def arrives(hop, wire):
+    """Whether data arrive while the driving message is waited for."""
+    return hop.held == 0 or await_wire(hop, wire, hop.begun + hop.held) > 0
 
 
 @kernel

@@ -57,7 +57,7 @@ HOP = np.dtype([
     ("exact", "<f8"), *((n, "<i8") for n in (
         "segments", "count", "at", "entry", "reader", "sent", "scratch", "tallies",
         "origin", "period", "last", "end", "lead", "port", "late", "lost", "now", "time", "begun", "done",
-        "wakes", "spread",
+        "wakes", "spread", "held",
     ))
 ])  # fmt: skip
 """State of a hop.
@@ -75,6 +75,7 @@ last, end        last tick that has run, last tick of the run;  done  number of 
 lead, port       address of the `ROW` of the node that leads, and of the `PORT` that drives it, 0: the clock drives it
 late, lost       counts of the leading node since the last call
 now, time, begun the present tick, its time [ns], and when its nodes began [ns of the monotonic clock]
+held             [ns] after `begun` for which the driving message is waited for; 0: as long as it takes
 wakes, spread    [ns] by how much later than asked a sleep ends, and the mean deviation from it; running means
 """
 STREAM = np.dtype([(n, "<i8") for n in ("topic", "skip", "wanted", "first", "open")])

@@ -45,6 +45,9 @@ from palpate.launch.run.work.expiry import permitted_age
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
 
+WAITED = 1.5  # periods after the last tick for which one of several drivers is waited for: readers hold its messages
+AGAIN = 1_000_000  # [ns] between looks whether one of several drivers has sent a message
+
 
 def run_real(worker: Worker) -> None:
     """Run until the worker's last tick or until it is stopped."""
@@ -54,7 +57,7 @@ def run_real(worker: Worker) -> None:
     while worker.last is None or worker.tick < worker.last:
         if worker.hop is not None and ticks.hop(worker.hop):
             continue
-        started = _pace(worker, lead, 1e9 / ticks.rate) if paced else _follow(worker, lead)
+        started = _pace(worker, lead, 1e9 / ticks.rate) if paced else _follow(worker, lead, ticks.patience())
         if started is not None:
             ticks.run(*started)
 
@@ -79,10 +82,18 @@ class _RealClock:
         """Set the tick at which the nodes run, its time [ns], and when they began [ns of the monotonic clock]."""
         self.worker.tick, self.at, self.deadline = tick, at, begun + self.period
 
+    def patience(self) -> int | None:
+        """The time [ns of the monotonic clock] after which another driver of the lead replaces one that is silent;
+        None: it has no other."""
+        begun = self.deadline - self.period
+        return begun + round(WAITED * self.period * self.lead.inputs[0].every) if self.lead.drivers else None
+
     def hop(self, hop: Hop) -> bool:
         """Run some ticks in compiled code, then orders and housekeeping. False: none is ready to run there."""
         worker = self.worker
-        ticks = hop.run_real(self, self.worker.origin, self.lead)
+        if self.lead.drivers and self.lead.driver is not self.lead.inputs[0]:
+            return False  # compiled code waits for the first one
+        ticks = hop.run_real(self, self.worker.origin, self.lead, self.patience())
         if ticks:
             worker.listen()
             worker.check_orders()
@@ -138,16 +149,19 @@ def _pace(worker: Worker, lead: Slot, period: float) -> tuple[int, int] | None:
     return tick + skipped, clock.now() - worker.origin
 
 
-def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
+def _follow(worker: Worker, lead: Slot, until: int | None) -> tuple[int, int] | None:
     """Wait for the next driving message and use the newest. Skipped messages for a run of the node's divisor count as
-    lost; messages between two runs do not."""
-    port = lead.inputs[0]
-    while port.dead or lead.blocked or not port.queue:
+    lost; messages between two runs do not. From the time `until` [ns] on, another driver replaces a silent one."""
+    while True:
+        lead.hear(worker.tick, until is not None and worker.now() >= until)
+        port = lead.driver or lead.inputs[0]
+        if port.queue and not (port.dead or lead.blocked):
+            break
         if port.feed is None or port.dead:
             worker.pause()
         else:
-            worker.wait(port.feed)
-            if lead.blocked:  # its input still arrives, so `wait` alone would not poll the sockets
+            worker.wait(port.feed, None if until is None else max(until, worker.now() + AGAIN))
+            if lead.blocked or until is not None:  # its input still arrives, so `wait` alone would not poll the sockets
                 worker.drain()
             worker.check_orders()
         if worker.stopping:
@@ -175,7 +189,7 @@ def take_inputs(worker: Waiting, slot: Slot, tick: int, deadline: int, leading: 
         if port.inside:
             messages.append(None)
             continue
-        drives = port is slot.driver
+        drives = slot.drives(port)
         waits = (port.waits or drives) and not (leading and drives) and not _silent(worker, slot, port, tick)
         message = _pick(worker, port, tick, deadline, waits and not without)
         state = OLD if message is None else _stands(worker, slot, port, message, tick)
@@ -207,7 +221,7 @@ def _stands(worker: Waiting, slot: Slot, port: Input, message: Message, tick: in
         tick - message.tick - slept(tick, slot.due, slot.node.hardware),
     )
     permits = permitted_age(worker.job, slot, port)
-    return standing(message.tick, need, port is slot.driver, age, worker.job.rate, permits)
+    return standing(message.tick, need, slot.drives(port), age, worker.job.rate, permits)
 
 
 def _pick(worker: Waiting, port: Input, tick: int, deadline: int, waits: bool) -> Message | None:

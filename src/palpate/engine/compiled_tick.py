@@ -41,7 +41,7 @@ def stands(row, line, sent, now, rate):
 def gather_inputs(row, now, at, clock):
     """Select the inputs of a step. Returns whether the required ones are available, a bit mask of the available ones,
     and the time of the step [ns]."""
-    present = 0
+    present, followed = 0, False
     for j in range(row.inputs):
         line = input_at(row.input + j * INPUT_SIZE)
         head = head_at(line.record)
@@ -60,8 +60,8 @@ def gather_inputs(row, now, at, clock):
         set_word(row.used + 8 * j, head.tick if there else -1)
         if there:
             present |= 1 << j
-            if j == 0 and row.follows:
-                at = head.time
+            if j < row.follows:
+                at, followed = max(at, head.time) if followed else head.time, True
     return True, present, at
 
 

@@ -136,7 +136,7 @@ class CompiledSegment:
         row["outputs"], row["output"] = len(outputs), self._lines_of(slot).ctypes.data
         row["numbers"], row["numbered"] = numbers.ctypes.data, len(numbers)
         row["every"], row["nominal"], row["missed"] = slot.every, slot.every / rate, -1
-        row["follows"], row["hardware"] = slot.follows, node.hardware
+        row["follows"], row["hardware"] = _followed(slot), node.hardware
         for output in slot.outputs:
             assert isinstance(output, RecordOutput)
             output.used, output.source = used[: len(lines)], slot.name
@@ -172,7 +172,7 @@ class CompiledSegment:
             line["record"], line["absent"], line["put"] = record.ctypes.data, absent.ctypes.data, put
             line["every"], line["loop"], line["permitted"] = port.every, port.loop, permitted(slot, port)
             line["optional"] = port.port.optional
-            line["drives"] = port is slot.driver
+            line["drives"] = slot.drives(port)
         return inlets
 
     def _lines_of(self, slot: Slot) -> np.ndarray:
@@ -202,7 +202,7 @@ class CompiledSegment:
             if slot.time is None:
                 slot.node.resize([abs(count) for count in slot.counts])  # type: ignore[attr-defined]
                 row["begun"], row["due"], row["missed"] = False, 0, -1
-            row["follows"] = slot.follows
+            row["follows"] = _followed(slot)
         self.listen()
 
     def listen(self) -> None:
@@ -478,6 +478,11 @@ def record_of(output: Output | None) -> np.ndarray:
     """The record of a compiled node's output."""
     assert isinstance(output, RecordOutput)
     return output.record
+
+
+def _followed(slot: Slot) -> int:
+    """Number of the first inputs of a slot whose newest time is that of its step; 0: it is that of the tick."""
+    return (len(slot.drivers) or 1) if slot.follows else 0
 
 
 def _numbers(record: np.ndarray) -> list[int]:

@@ -130,7 +130,7 @@ class Input:
 
     __slots__ = (
         "behind", "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue",
-        "rank", "stream", "waits",
+        "quiet", "rank", "stream", "waits",
     )  # fmt: skip
 
     def __init__(self, job: InputJob | None, port: Port, output: Output | None) -> None:
@@ -138,6 +138,7 @@ class Input:
         given = job or InputJob("", "", "", waits=False)
         self.stream, self.producer, self.every, self.rank = given.stream, given.producer, given.every, given.rank
         self.loop, self.waits, self.dead = given.loop, given.waits, job is None
+        self.quiet = False  # whether another input drives in its place, because its sender is silent
         self.inside = False  # whether a segment of this worker reads it from the record of the sender
         self.behind = False
         """Whether it reads the message of an earlier tick, and the sender runs before its node in this worker, or is
@@ -202,6 +203,8 @@ class Slot:
         """The inputs with their index, the last to arrive first: the others arrive during the wait for it."""
         self.near = False  # whether all inputs come from nodes of this worker that run at each tick
         self.follows = False  # whether the time of a step is that of its driving message, not of the tick
+        self.drivers: list[Input] = []
+        """Inputs of the first port, if it has several senders and does without each: any of them may drive."""
         self.blocked = False  # whether a required sender has died
         self.health = HealthCounters()
         self.due = 0  # first tick of the next step
@@ -222,6 +225,10 @@ class Slot:
         self.takes(counts(type(self.node), [given.port for given in self.job.inputs]))
         latest = sorted(range(len(self.inputs)), key=lambda place: -self.inputs[place].rank)
         self.awaited = [(place, self.inputs[place]) for place in latest]
+        first = self.inputs[0].port if self.inputs else None
+        senders = [each for each in self.inputs if each.port is first]
+        if first is not None and first.optional and len(senders) > 1:
+            self.drivers = senders
         self.near = all(port.dead or (port.output is not None and port.every == 1) for port in self.inputs)
 
     def ready(self, tick: int) -> list[Message | None] | None:
@@ -247,8 +254,33 @@ class Slot:
 
     @property
     def driver(self) -> Input | None:
-        """The input whose arrival runs the step; None: the clock runs it."""
-        return None if self.node.paced or not self.inputs else self.inputs[0]
+        """The input whose arrival runs the step, the first one, or the first of `drivers` whose sender is neither dead
+        nor quiet; None: the clock runs it."""
+        if self.node.paced or not self.inputs:
+            return None
+        return next((each for each in self.drivers if not (each.dead or each.quiet)), self.inputs[0])
+
+    def drives(self, port: Input) -> bool:
+        """Whether the node does not step without the message of this tick from an input."""
+        return port is self.driver and not self.drivers
+
+    def hear(self, last: int, waited: bool) -> None:
+        """Of several drivers: one that has sent a message of the last tick `last` or a later one may drive again. If
+        those before one with a later message were `waited` for, it drives in their place."""
+        for each in self.drivers:
+            sent = each.queue[-1] if each.queue else each.message
+            each.quiet = each.quiet and not (sent is not None and sent.tick >= last)
+        later = next((k for k, each in enumerate(self.drivers) if each.queue and each.queue[-1].tick > last), 0)
+        for each in self.drivers[:later] if waited else ():
+            each.quiet = True
+
+    def time_of(self, messages: list[Message | None], at: int) -> int:
+        """Time [ns] of a step on these inputs: if it `follows`, that of the newest driving message, else `at`."""
+        if not self.follows:
+            return at
+        if not self.drivers:
+            return at if messages[0] is None else messages[0].time
+        return max((each.time for each in messages[: len(self.drivers)] if each is not None), default=at)
 
     def forces(self) -> dict[str, float]:
         """Magnitude [N] of each force in the last outputs by `stream.field`, for the live view."""

@@ -10,7 +10,7 @@ ROW = np.dtype([
     ("outputs", "<i8"), ("output", "<i8"), ("numbers", "<i8"), ("numbered", "<i8"),
     ("every", "<i8"), ("due", "<i8"), ("missed", "<i8"), ("last", "<i8"),
     ("begun", "<i8"), ("time", "<i8"), ("nominal", "<f8"),
-    ("follows", "?"), ("hardware", "?"), ("blocked", "?"), ("skip", "?"), ("stepped", "?"),
+    ("follows", "<i8"), ("hardware", "?"), ("blocked", "?"), ("skip", "?"), ("stepped", "?"),
     ("steps", "<i8"), ("asleep", "<i8"), ("held", "<i8"), ("absent", "<i8"), ("lost", "<i8"),
 ], align=True)  # fmt: skip
 """
@@ -19,7 +19,7 @@ output   address of the lines of its outputs;  numbers, numbered  address and le
 every    divisor;  due, missed, last  first tick of its next step, number of the last run that lacked an input, tick of
          its last step
 begun    whether it has stepped;  time [ns] of its last step;  nominal [s] dt of the first step
-follows  the time of a step is that of its driving message
+follows  number of the first inputs, its driving ones, whose newest time is that of a step; 0: it is that of the tick
 hardware, blocked  as in a `Slot`;  skip  the host has no inputs for it;  stepped  in this tick
 steps, asleep, held, absent, lost  counts since the last `CompiledSegment.count`
 """

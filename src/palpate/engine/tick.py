@@ -45,6 +45,5 @@ def run_tick(parts: Iterable[S | CompiledSegment], tick: int, host: Host[S]) -> 
             messages = host.gather(slot, tick)
             if messages is None:
                 continue
-        driving = messages[0] if slot.follows else None
-        slot.step(tick, host.at if driving is None else driving.time, messages, slot.every / rate)
+        slot.step(tick, slot.time_of(messages, host.at), messages, slot.every / rate)
         host.take_outputs(slot, tick)

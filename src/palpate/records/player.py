@@ -196,7 +196,7 @@ class Player:
         messages: list[Message | None] = []
         for index, port in enumerate(part.inputs):
             message = self._input(part, index, port, tick, head)
-            drives = head is None and port is part.driver
+            drives = head is None and part.drives(port)
             if message is None and (drives or not port.port.optional):
                 return None
             messages.append(message)

@@ -136,10 +136,10 @@ def test_of_several_driving_messages_the_newest_counts_and_the_others_are_lost()
     made, here = slot("Drag", ("pose", {}), ("force", {})), worker()
     for tick in (3, 4, 6):
         put(made, 0, POSE, tick)
-    assert real._follow(here, made) == (6, 6 * MS)
+    assert real._follow(here, made, None) == (6, 6 * MS)
     assert made.health.lost == 2
     here.tick, made.due = 6, 7
-    assert real._follow(here, made) is None  # messages of earlier ticks
+    assert real._follow(here, made, None) is None  # messages of earlier ticks
     assert made.health.lost == 2 and not made.inputs[0].queue
 
 
@@ -152,7 +152,7 @@ def test_messages_between_the_runs_of_a_divisor_are_not_lost(monkeypatch, every)
     put(made, 1, FORCE, 0)
     arriving = [[tick] for tick in range(1, 41)] + [list(range(41, 61))] + [[tick] for tick in range(61, 101)]
 
-    def follow(worker, lead):
+    def follow(worker, lead, until):
         if not made.inputs[0].queue:
             if not arriving:
                 here.last = here.tick
@@ -160,7 +160,7 @@ def test_messages_between_the_runs_of_a_divisor_are_not_lost(monkeypatch, every)
             for tick in arriving.pop(0):
                 put(made, 0, POSE, tick)
                 put(made, 1, FORCE, tick - 1)
-        return original(worker, lead)
+        return original(worker, lead, until)
 
     original, steps = real._follow, []
     monkeypatch.setattr(real, "_follow", follow)
@@ -196,7 +196,54 @@ def test_a_waiting_node_ends_on_an_order():
 
     here.check_orders = check_orders
     with pytest.raises(EndedError):
-        real._follow(here, made)
+        real._follow(here, made, None)
+
+
+class Sender:
+    """Messages of one of two drivers that arrive at given times."""
+
+    def __init__(self, made: Slot, port: int, ticks: dict[int, int]) -> None:
+        self.made, self.port, self.ticks = made, port, ticks
+
+    def arrive(self, now: int) -> None:
+        for tick in [tick for tick, at in self.ticks.items() if at <= now]:
+            put(self.made, self.port, POSE, tick)
+            del self.ticks[tick]
+
+
+def test_another_driver_replaces_one_that_is_silent_until_it_returns(monkeypatch):
+    """Of two senders the first one sends ticks 1 to 3, is silent, and returns at tick 9."""
+    clock = [0]
+    monkeypatch.setattr(real.clock, "now", lambda: clock[0])
+    made = slot("Both", ("poses", {"optional": True}), ("poses", {"optional": True}))
+    assert made.drivers == made.inputs and made.driver is made.inputs[0]
+    first = Sender(made, 0, {tick: tick * MS for tick in (1, 2, 3, 9, 10, 11)})
+    second = Sender(made, 1, {tick: tick * MS - 2000 for tick in range(1, 12)})
+    here = worker()
+
+    def drain() -> None:
+        first.arrive(clock[0])
+        second.arrive(clock[0])
+
+    def wait(feed: object, deadline: int) -> None:
+        due = [at for sender in (first, second) if made.inputs[sender.port] is feed for at in sender.ticks.values()]
+        clock[0] = max(clock[0] + 1, min([*due, deadline]))
+        drain()
+
+    here.wait, here.drain, here.check_orders = wait, drain, lambda: None
+    ticks, times, drivers = [], [], []
+    while not ticks or ticks[-1] < 11:
+        begun = clock[0]
+        made_at = real._follow(here, made, begun + round(real.WAITED * MS))
+        if made_at is not None:
+            here.tick = made_at[0]
+            ticks.append(made_at[0])
+            times.append(clock[0])
+            drivers.append(made.inputs.index(made.driver))
+    assert ticks == list(range(1, 12)), "the first one is waited for until 4.5"
+    assert drivers == [0, 0, 0, 1, 1, 1, 1, 1, 1, 0, 0]
+    late = [at - tick * MS for tick, at in zip(ticks, times, strict=True)]
+    assert max(map(abs, late[:3] + late[4:])) <= 2000, "once the other drives, no step waits for the silent one"
 
 
 @pytest.mark.parametrize(("late", "skipped"), [(0.0, 0), (0.9, 0), (1.1, 1), (2.6, 2)])
@@ -387,7 +434,7 @@ def test_a_blocked_node_polls_the_sockets_while_its_input_arrives():
             made.blocked = False
 
     here.drain = drain
-    assert real._follow(here, made) == (3, 3 * MS)
+    assert real._follow(here, made, None) == (3, 3 * MS)
     assert len(drained) == 4
 
 
@@ -403,5 +450,5 @@ def test_a_node_pauses_while_its_driving_sender_is_dead(lacks):
         put(made, 0, POSE, 5)
 
     here.pause = pause
-    assert real._follow(here, made) == (5, 5 * MS)
+    assert real._follow(here, made, None) == (5, 5 * MS)
     assert len(pauses) == 1

@@ -21,7 +21,7 @@ from palpate.engine.compiled_tick import clock_at, gather_inputs, row_at
 from palpate.engine.encode import encode
 from palpate.engine.health import Histogram
 from palpate.engine.job import InputJob
-from palpate.engine.slot import Input
+from palpate.engine.slot import Input, Slot
 from palpate.engine.table import CLOCK, INPUT, ROW
 from palpate.launch.run.hop.frames import deliver, exactly, newest, port_at, reader_at, segment_at, send
 from palpate.launch.run.hop.table import HOP, OUTPUT, READER, SEGMENT
@@ -113,19 +113,21 @@ class Row:
         hardware, due, follows = (
             rng.random() < 0.2,
             max(0, self.tick - rng.choice((0, 0, 1, 5, 30))),
-            rng.random() < 0.5,
+            rng.choice((0, 0, 1, 1, 1, 2, 3)),
         )
         self.row["inputs"], self.row["input"], self.row["used"] = 3, self.lines.ctypes.data, self.words[8:].ctypes.data
         self.row["hardware"], self.row["due"], self.row["follows"], self.row["last"] = hardware, due, follows, self.tick
         self.clock["real"], self.clock["rate"] = True, self.rate
         self.slot = SimpleNamespace(
-            inputs=[], driver=None, due=due, node=SimpleNamespace(hardware=hardware), joined=False,
-            health=SimpleNamespace(held=0, absent=0),
+            inputs=[], driver=None, drivers=[], follows=follows > 0, due=due, joined=False,
+            node=SimpleNamespace(hardware=hardware), health=SimpleNamespace(held=0, absent=0),
         )  # fmt: skip
         self.permitted = {}
         for k, (line, head) in enumerate(zip(self.lines, self.heads, strict=True)):
             self._input(rng, k, line, head)
         self.slot.driver = self.slot.inputs[0] if follows else None
+        self.slot.drivers = self.slot.inputs[:follows] if follows > 1 else []
+        self.slot.drives = lambda port: Slot.drives(self.slot, port)
 
     def _input(self, rng: random.Random, k: int, line: np.ndarray, head: np.ndarray) -> None:
         every, loop, optional = rng.choice((1, 1, 2, 5)), k > 0 and rng.random() < 0.2, rng.random() < 0.4
@@ -142,7 +144,7 @@ class Row:
         self.permitted[port] = permitted
         line["record"], line["absent"], line["put"] = head.ctypes.data, head.ctypes.data, self.words[k:].ctypes.data
         line["every"], line["loop"], line["permitted"] = every, loop, permitted
-        line["dead"], line["optional"], line["drives"] = dead, optional, k == 0 and bool(self.row["follows"][0])
+        line["dead"], line["optional"], line["drives"] = dead, optional, k == 0 and self.row["follows"][0] == 1
 
 
 def test_a_step_takes_the_same_messages(monkeypatch):
@@ -160,8 +162,7 @@ def test_a_step_takes_the_same_messages(monkeypatch):
         if expected is not None:
             assert [bool(found[0] >> k & 1) for k in range(3)] == [each is not None for each in expected]
             assert one.words[8:11].tolist() == [-1 if each is None else each.tick for each in expected]
-            driving = expected[0] if one.slot.driver is not None else None
-            assert found[1] == (5 if driving is None else driving.time)
+            assert found[1] == Slot.time_of(one.slot, expected, 5)
         kinds.add((bool(complete), one.slot.health.held > 0, one.slot.health.absent > 0))
     assert len(kinds) >= 5, kinds
 

@@ -16,7 +16,7 @@ from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.wire.wires import blocked_by
 from palpate.launch.run.work.expiry import end_inputs
-from palpate.launch.run.work.real import take_inputs
+from palpate.launch.run.work.real import WAITED, take_inputs
 from palpate.messages import Contact, DeviceState, Force, Message, Pose, Torque
 from palpate.nodes.device import Simulated
 
@@ -186,8 +186,10 @@ class Chain:
         return () if self.lost(stream, reader, tick) else (self.late,)
 
     def _step(self, slot: Slot) -> None:
-        driver = slot.driver
         tick = self.tick
+        if slot.drivers:
+            slot.hear(self.ran[slot.name], tick - self.ran[slot.name] > WAITED * slot.inputs[0].every)
+        driver = slot.driver
         if driver is not None:
             if not driver.queue or driver.queue[-1].tick <= self.ran[slot.name]:
                 return
