@@ -40,8 +40,10 @@ changes by at most (F' + F/(SUDDEN e)) |dp|, F' = dF/de; the approach is at most
 out of a thin body; and it grows without work of the hand by at most `REGAIN` or `BENT` times |dp|. The rate of the gap
 is also continuous, because a viscous body responds to it: while the foot trails a target that leapt, the gap changes by
 n.dp, as for a foot at rest, and then as that of the target; and it covers the larger share of |dp|/`LANDING` and
-dt/`ARRIVES` of the difference to it, less while the foot starts. The rate of a gap that rises to the true one begins
-and ends within these lengths or times, too. A foot that the nearest point does not outrun is the nearest point exactly.
+dt/`ARRIVES` of the difference to it, and of the rates that the motion of the tool allows, less while the foot starts.
+The rate of a gap that rises to the true one begins with the last one, and reaches that of the tool and ends within
+these lengths or times, too, as does that of a gap whose target ends. A foot that the nearest point does not outrun is
+the nearest point exactly.
 """
 
 import numpy as np
@@ -92,7 +94,7 @@ MEMORY = {
     "started": bool, "side": int, "gap": (), "tool": (3,), "foot": (3,), "normal": (3,), "place": (2,),
     "triangle": int, "shown": int, "border": bool, "thickness": (),
     "behind": (), "passed": bool, "kept": bool, "off": (), "pace": (), "step": (3,), "turned": (3,), "coast": (3,),
-    "drift": (), "rising": (),
+    "drift": (), "rising": (), "excess": (),
 }  # fmt: skip
 """
 started    whether a last step exists
@@ -110,6 +112,7 @@ pace       share of its greatest speed that a foot has reached since its target 
 step, turned  motion of the foot [m], and change of its normal [1]
 coast      motion [m] that is left to a foot that was at its target when that leapt
 drift      change of the gap [m] in a step beyond that of a foot at rest
+excess     change of the gap [m] in the last step beyond that of a foot at rest
 rising     share [1] of the tool's motion by which the gap of one that leaves a thin body rises
 """
 
@@ -226,6 +229,15 @@ def _moved_gap(target: float, moved: float, memory: Record):
 
 
 @kernel
+def _limit_gap(gap: float, start: float, share: float, moved: float, memory: Record):
+    """The gap [m], changed by at most the motion of the tool; while a foot starts, from `start` by this share of it."""
+    low, high = memory.gap - moved, memory.gap + moved
+    if share < 1.0:
+        gap = min(max(gap, start + share * (low - start)), start + share * (high - start))
+    return min(max(gap, low), high)
+
+
+@kernel
 def _approach(p: Vector3, moved: float, held: float, other: bool, dt: float, foot: Record, memory: Record):
     """Move the last foot towards the target `foot`, as far as the motion of the tool allows, into `foot`.
 
@@ -273,13 +285,14 @@ def _approach(p: Vector3, moved: float, held: float, other: bool, dt: float, foo
     # the gap: from `start`, a part of the difference to the target
     part = catches * min(max(moved / LANDING, dt / ARRIVES), 1.0)
     gap = start + part * (target - start) if start != target else target
-    gap = max(min(max(gap, memory.gap - moved), memory.gap + moved), least)
+    gap = max(_limit_gap(gap, start, catches, moved, memory), least)
     if not trails:
         rest(memory)
         if deep > 0.0:
             keep_step(memory, foot)
             memory.drift = gap - held
     memory.off = target - gap if abs(target - gap) > ROUNDING else 0.0
+    memory.excess = gap - held
     foot.distance = gap
 
 
@@ -295,9 +308,11 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, kept: bool, dt: f
         leaves = exists and inside and memory.side == OUT and foot.distance > memory.gap + rises + ROUNDING
         if leaves:  # a thin body: the gap rises to the true one first
             memory.side = IN if memory.passed else LEAVES
-            held = min(
-                held + rise(rises - held + memory.gap, max(moved / LANDING, dt / ARRIVES), memory), memory.gap + rises
-            )
+            if memory.rising == 0.0:
+                memory.drift = memory.excess
+            memory.excess = rise(rises - held + memory.gap, max(moved / LANDING, dt / ARRIVES), memory)
+            memory.excess = min(memory.excess, memory.gap + rises - held)
+            held += memory.excess
         elif exists and memory.rising > 0.0:  # a step without a length rises without a bound
             memory.drift += memory.rising * (rises - held + memory.gap)
         if exists and not leaves:
@@ -307,12 +322,16 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, kept: bool, dt: f
             drift, memory.off = memory.drift, 0.0
             if leaves:
                 memory.behind = memory.pace = 0.0
+            else:  # the rate of the gap fades, as the tool's motion allows
+                fades = memory.excess * (1.0 - min(max(moved / LANDING, dt / ARRIVES), 1.0))
+                memory.excess = min(max(held + fades, memory.gap - moved), memory.gap + moved) - held
+                held += memory.excess
             stay(memory, held, foot)
             rest(memory)
             memory.drift, memory.rising = (drift, memory.rising) if leaves else (0.0, 0.0)
             exists = False
     else:
-        memory.off = memory.rising = 0.0
+        memory.off = memory.rising = memory.excess = 0.0
         rest(memory)
     memory.started, memory.gap, memory.kept = True, foot.distance, kept
     for k in range(3):
