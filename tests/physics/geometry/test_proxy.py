@@ -280,6 +280,33 @@ def test_the_rate_of_the_gap_changes_little_where_the_nearest_face_changes():
     assert -5e-4 < gap[-1] < -1e-4  # towards the 0.1 mm of the side at last, from 1.4 mm
 
 
+@pytest.mark.parametrize("name", ["plate-2", "plate-5", "box", "torus-6", "l-shape"])
+def test_the_rate_of_the_gap_changes_little_on_any_way_through_a_body(name):
+    """At 10 kHz, of a finger that goes in and wanders through, past rims and out of its other sides: by at most 0.17 of
+    its motion in a tick. It was up to 0.76 where the target of a foot that trailed leapt, or became that of another
+    face, since the rate that the gap had was forgotten."""
+    mesh, dt = mesh_of(name, USUAL), 1e-4
+    middle, half = mesh.vertices.mean(axis=0), 0.5 * np.ptp(mesh.vertices, axis=0)
+    worst = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        speed = float(np.exp(rng.uniform(*np.log([0.03, 0.2]))))
+        aim, axis = middle + half * rng.uniform(-0.95, 0.95, 3), rng.integers(3)
+        begin = aim.copy()
+        begin[axis] = middle[axis] + rng.choice([-1, 1]) * (half[axis] + 6e-3)
+        points = [begin, aim]
+        for _ in range(3):
+            far = middle + (half + 3e-3) * rng.uniform(-1, 1, 3)
+            points.append(far if rng.uniform() < 0.5 else points[-1] + 5e-3 * rng.normal(size=3))
+        path = line(*(tuple(each) for each in points), step=speed * dt)
+        feet = mesh_run(mesh, path, 4e-3, dt)
+        moved, gap = np.linalg.norm(np.diff(path, axis=0), axis=1), feet[:, 8]
+        rate, straight = np.diff(gap) / moved, np.linalg.norm(np.diff(path, 2, axis=0), axis=1) < 1e-3 * moved[1:]
+        inside = (gap[:-2] < 0.0) & (gap[1:-1] < 0.0) & (gap[2:] < 0.0)
+        worst.append(np.abs(np.diff(rate))[straight & inside].max(initial=0.0))
+    assert 0.01 < max(worst) < 0.2
+
+
 @pytest.mark.parametrize("drop", [0.0, 0.2, 0.5])
 @pytest.mark.parametrize("depth", [1.2e-3, 1.6e-3])
 @pytest.mark.parametrize("speed", [0.03, 0.1])
@@ -370,4 +397,4 @@ def test_the_gap_below_a_notch_does_not_leap_between_its_walls(seed):
     moved = np.linalg.norm(np.diff(path[below], axis=0), axis=1)
     changes = np.abs(np.diff(feet[below, 8])) / moved
     assert 0.2 < changes.max() < 0.3
-    assert feet[below, 8].max() > -2.9e-3 and feet[below[[0, -1]], 8] == approx(-3e-3, abs=2e-5)
+    assert feet[below, 8].max() > -2.9e-3 and feet[below[[0, -1]], 8] == approx(-3e-3, abs=3e-5)

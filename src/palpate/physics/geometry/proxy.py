@@ -30,7 +30,7 @@ moves that fast. It covers at most the larger share of (its largest motion)/`LAN
 so that it does not stop abruptly, and a foot that starts to trail reaches these speeds within `LANDING` or `ARRIVES`,
 because the tissue resists a patch at once; if its target leaps back behind it, it first stops in that time, on its way.
 A foot that was at its target when that leapt does not stop either: it coasts on, less and less within that time, and so
-does the rate of the gap.
+does the rate of the gap at each leap.
 The gap is that of the target, but within
 
     g + n.dp - REGAIN |dp|  <=  gap  <=  g + |dp|,
@@ -59,7 +59,7 @@ from palpate.physics.geometry.nurbs import normal_of
 from palpate.physics.geometry.phong import smooth_foot
 from palpate.physics.geometry.pseudonormal import face_normal, signed_distance
 from palpate.physics.geometry.search.foot import set_values, values_of
-from palpate.physics.geometry.search.trailing import keep_step, next_pace, rest, rise, stay, trail
+from palpate.physics.geometry.search.trailing import begin_again, keep_step, next_pace, rest, rise, stay, trail
 
 JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3
@@ -94,7 +94,7 @@ MEMORY = {
     "started": bool, "side": int, "gap": (), "tool": (3,), "foot": (3,), "normal": (3,), "place": (2,),
     "triangle": int, "shown": int, "border": bool, "thickness": (),
     "behind": (), "passed": bool, "kept": bool, "off": (), "pace": (), "step": (3,), "turned": (3,), "coast": (3,),
-    "drift": (), "rising": (), "excess": (),
+    "drift": (), "rising": (), "excess": (), "gains": (),
 }  # fmt: skip
 """
 started    whether a last step exists
@@ -112,6 +112,8 @@ pace       share of its greatest speed that a foot has reached since its target 
 step, turned  motion of the foot [m], and change of its normal [1]
 coast      motion [m] that is left to a foot that was at its target when that leapt
 drift      change of the gap [m] in a step beyond that of a foot at rest
+gains      share [1] that the gap covers of what it might in a step: it grows since the target leapt, or became that of
+           another face
 excess     change of the gap [m] in the last step beyond that of a foot at rest
 rising     share [1] of the tool's motion by which the gap of one that leaves a thin body rises
 """
@@ -229,8 +231,27 @@ def _moved_gap(target: float, moved: float, memory: Record):
 
 
 @kernel
-def _limit_gap(gap: float, start: float, share: float, moved: float, memory: Record):
-    """The gap [m], changed by at most the motion of the tool; while a foot starts, from `start` by this share of it."""
+def _ways(p: Vector3, foot: Record, memory: Record):
+    """Turn [1] of the normal and way [m] of the foot to the target `foot`; motion [m] of the tool along its normal."""
+    turn = move = along = 0.0
+    for k in range(3):
+        turn += (foot.normal[k] - memory.normal[k]) ** 2
+        move += (foot.point[k] - memory.foot[k]) ** 2
+        along += (p[k] - memory.tool[k]) * foot.normal[k]
+    return np.sqrt(turn), np.sqrt(move), along
+
+
+@kernel
+def _next_gap(start: float, target: float, held: float, share: float, moved: float, dt: float, memory: Record):
+    """The gap [m]: from `start` a part of the difference to the target, changed by at most the motion of the tool;
+    while a foot starts, by this share of both.
+
+    held  [m] of the foot at rest, if the foot starts: its last rate does not lead beyond the target
+    """
+    part = min(max(moved / LANDING, dt / ARRIVES), 1.0)
+    gap = start + share * part * (target - start) if start != target else target
+    if target < held:
+        gap = max(gap, held + part * (target - held))
     low, high = memory.gap - moved, memory.gap + moved
     if share < 1.0:
         gap = min(max(gap, start + share * (low - start)), start + share * (high - start))
@@ -245,15 +266,12 @@ def _approach(p: Vector3, moved: float, held: float, other: bool, dt: float, foo
     other  whether the gap of the target is that of another face than in the last step
     """
     deep, behind, target, least = memory.thickness - memory.gap, memory.behind, foot.distance, -np.inf
+    if other:
+        memory.drift = memory.excess
     start = held + memory.drift if other and deep > 0.0 else _moved_gap(target, moved, memory)
     memory.behind, pace, memory.pace, trails, catches = 0.0, memory.pace, 0.0, False, 1.0
     if deep > 0.0:
-        turn = move = along = 0.0
-        for k in range(3):
-            turn += (foot.normal[k] - memory.normal[k]) ** 2
-            move += (foot.point[k] - memory.foot[k]) ** 2
-            along += (p[k] - memory.tool[k]) * foot.normal[k]
-        turn, move = np.sqrt(turn), np.sqrt(move)
+        turn, move, along = _ways(p, foot, memory)
         aside = np.sqrt(max(moved * moved - min((held - memory.gap) ** 2, along * along), 0.0))
         easy = max(EASY * aside, FASTEST * dt)
         longest, motion = min(AHEAD * moved, easy) + STILL, max(move - behind, 0.0)
@@ -279,13 +297,12 @@ def _approach(p: Vector3, moved: float, held: float, other: bool, dt: float, foo
             fade = max(1.0 - pace, 0.0) / fade if pace > 0.0 and fade > 0.0 else 0.0
             trail(share, fade, ramp * FASTEST * dt, longest, most_turned, memory, foot)
             if pace > 0.0:
-                start, catches = held + memory.drift, pace
+                catches = begin_again(leaps or other, ramp, memory)
+                start = held + memory.drift
                 regains = max(regains, min(-memory.drift, BENT * moved))
         least = held - regains
-    # the gap: from `start`, a part of the difference to the target
-    part = catches * min(max(moved / LANDING, dt / ARRIVES), 1.0)
-    gap = start + part * (target - start) if start != target else target
-    gap = max(_limit_gap(gap, start, catches, moved, memory), least)
+    begins = trails and memory.pace > 0.0
+    gap = max(_next_gap(start, target, held if begins else -np.inf, catches, moved, dt, memory), least)
     if not trails:
         rest(memory)
         if deep > 0.0:

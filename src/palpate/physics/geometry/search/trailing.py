@@ -57,7 +57,6 @@ def coast(memory: Record):
 @kernel
 def _go_on(fade: float, most: float, memory: Record, foot: Record):
     """Move the foot by `coast`, a share `fade` of what it was and at most `most` [m]."""
-    memory.drift *= fade
     size = 0.0
     for k in range(3):
         memory.coast[k] *= fade
@@ -111,6 +110,20 @@ def rise(most: float, ramp: float, memory: Record):
     before, memory.rising = memory.rising, min(memory.rising + ramp, 1.0)
     memory.drift *= (1.0 - memory.rising) / (1.0 - before) if before < 1.0 else 0.0
     return memory.drift + memory.rising * most
+
+
+@kernel
+def begin_again(leaps: bool, ramp: float, memory: Record):
+    """The share [1] of what the gap might cover in this step while a foot starts; its last rate fades as this grows.
+    Both begin again where the target leaps, or becomes that of another face.
+
+    ramp  [1] what the share grows by
+    """
+    if leaps:
+        memory.gains, memory.drift = 0.0, memory.excess
+    before, memory.gains = memory.gains, min(memory.gains + ramp, 1.0)
+    memory.drift *= (1.0 - memory.gains) / (1.0 - before) if before < 1.0 else 0.0
+    return memory.gains
 
 
 @kernel
