@@ -168,7 +168,14 @@ class ContactPaths:
         for name in self.names:
             given = nodes[name].settings
             joint, approach = self._solver(name), self._of(name, Proximity)
-            if joint == name or not approach or given.get("finger") != -1:
+            if joint == name or given.get("finger") != -1:
+                continue
+            if not approach:
+                faults.add(
+                    f"takes the contact of {joint!r}, and has no `proximity` that says of which finger",
+                    f"`{name}: {{in: {{contacts: {joint}, proximity: ...}}}}`, with one of the fingers of {joint!r}.",
+                    node=name, port="proximity",
+                )  # fmt: skip
                 continue
             known = [wire.producer for wire in self._of(joint, Proximity)]
             finger = approach[0].producer
@@ -194,8 +201,10 @@ class ContactPaths:
             for node in reached:
                 ends = [(w.producer, w.consumer) for w in tissue if node in (w.producer, w.consumer)]
                 reached += dict.fromkeys(end for pair in ends for end in pair if end not in reached)
+            bodies = [self.classes[w.producer] for w in tissue if w.port.type is Surface and w.consumer in reached]
+            couples = not bodies or any(getattr(body, "couples", True) for body in bodies)
             fingers = sum(1 for touched in solvers.values() if not touched.isdisjoint(reached))
-            nodes[name].settings["driven"] = int(fingers > 1 or not moving.isdisjoint(reached))
+            nodes[name].settings["driven"] = int((fingers > 1 and couples) or not moving.isdisjoint(reached))
 
     def _check_orders(self, faults: Faults) -> None:
         """A fault for each node with several multiple inputs whose senders belong to different fingers. Inputs of

@@ -97,8 +97,8 @@ class Node:
     them by name. The signature of `step` is the wiring: its arguments are the inputs, its return annotation is the
     output (a tuple of types: several outputs). The arrival of the first input triggers the step. An argument of type
     `list[Load]` accepts any number of senders, in the order of the graph; with `list[Load | None]` an entry is None
-    while its sender is missing. The runner passes `dt`, keyword-only: the time [s] > 0 since the previous step of this
-    node on the graph's clock.
+    while its sender is missing, and as the first input any of them triggers the step. The runner passes `dt`,
+    keyword-only: the time [s] > 0 since the previous step of this node on the graph's clock.
 
     A step must not read a clock, a file, a socket or a random source without a seed in the settings: its answer depends
     only on its inputs and its state, and `start` makes the state, so that a run can be replayed exactly.

@@ -16,10 +16,10 @@ from palpate.nodes.base.samples import sample_of
 from palpate.nodes.contact import finger
 from palpate.nodes.contact.finger import FINGER
 from palpate.nodes.contact.neighbours import add_neighbours
-from palpate.nodes.contact.seen import SEEN, begin, see
+from palpate.nodes.contact.seen import SEEN, begin, lifted, see
 from palpate.nodes.contact.series import BAD_LAW, BODY, Series, law_of
 from palpate.physics.contact.end_rate import arrive
-from palpate.physics.contact.joint import joint_step
+from palpate.physics.contact.joint import effect_of_others, joint_steps
 from palpate.physics.contact.organs.backed import backed_laws
 from palpate.physics.contact.series import series_energy
 
@@ -116,8 +116,9 @@ class Joint(Series):
     State = {
         "finger": (ROOM, FINGER), "seen": (ROOM, SEEN),  # the fingertips, and where they are
         "law": (5,),  # their elastic law and its damping
-        "approach": (ROOM,), "before": (ROOM,), "terminal": (ROOM, 5), "coupling": (ROOM * ROOM,),  # of `joint_step`
+        "approach": (ROOM,), "before": (ROOM,), "terminal": (ROOM, 5), "coupling": (ROOM * ROOM,),  # of `joint_steps`
         "moved": (ROOM,), "waited": (),  # [s] since the last sample of each finger; since the last step
+        "length": (ROOM,),  # [s] of the step of each
         "force": (ROOM,), "solved": (ROOM, 3), "lateral": TABLE,
         "laws": TABLE, "others": (ROOM,), "yields": TABLE, "pressing": (ROOM,),  # of the body; of its neighbours
         "nearest": NEAREST,
@@ -183,15 +184,25 @@ class Joint(Series):
             presses, approach, step, law = finger.pressing(
                 one, near, body.there, given, body.step, body.relaxation, time, dt, moved
             )
+            own.length[i] = math.inf
             if presses:
                 own.approach[i], terminal = approach, own.terminal[i]
                 terminal[0], terminal[1], terminal[2], terminal[3], terminal[4] = law
-                pressed, length = True, max(step, length)  # after a gap the longest step, see `finger.step_length`
+                pressed = True
+                if near.missing:
+                    others = effect_of_others(i, own.coupling[: count * count].reshape(count, count), own.force[:count])
+                    own.approach[i] = min(approach, lifted(near, own.law[:], law, others))
+                else:
+                    length = max(step, length)  # after a gap the longest step, see `finger.step_length`
+                    own.length[i] = 0.0
             own.before[i] = finger.start_of(one)
         # Solve for the normal forces of all contacts together.
         if pressed:
-            joint_step(
-                own.approach[:count], length, own.before[:count], own.law[:], own.terminal[:count],
+            for i in range(count):
+                if own.length[i] == 0.0:
+                    own.length[i] = length
+            joint_steps(
+                own.approach[:count], own.length[:count], own.before[:count], own.law[:], own.terminal[:count],
                 own.coupling[: count * count].reshape(count, count), own.force[:count], own.solved[:count],
             )  # fmt: skip
             measure_distance(own, count)

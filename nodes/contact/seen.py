@@ -1,20 +1,23 @@
 """Where each of several fingers is, also while its messages are missing, so that the others keep their forces."""
 
+import math
 from typing import Any
 
 from palpate.compiler.records import put, vector
 from palpate.nodes.base.kernels import ieee_kernel
 from palpate.nodes.base.samples import sample_of, since
 from palpate.nodes.contact.finger import GONE
+from palpate.physics.contact.end_rate import advance
+from palpate.physics.contact.series import elastic
+from palpate.physics.contact.terminal import indentation
 
 SEEN = {
     "approach": (), "separation": (), "gap": (), "foot": (3,), "normal": (3,), "slip": (3,), "tick": int, "time": int,
-    "missing": bool, "speed": (),
+    "heard": bool, "missing": bool, "compressed": (), "left": (),
 }  # fmt: skip
-"""Fields of the last `Proximity` of a finger; whether its messages are missing, and the speed [m/s] at which it is
-lifted then."""
-AWAY = 0.1  # [m] from the body, beyond which a finger is not lifted, and where one is that has sent nothing yet
-LEAST = 1e-3  # [m] by which a finger above the undeformed surface, on tissue that others lift, is lifted within `GONE`
+"""Fields of the last `Proximity` of a finger; whether it has sent any, and whether its messages are missing; then the
+compression [m] of the fingertip when they ended, and what is left of it [1]."""
+AWAY = 0.1  # [m] from the body of a finger that has sent nothing yet, or is lifted off
 
 
 def begin(seen: Any) -> None:
@@ -27,31 +30,48 @@ def begin(seen: Any) -> None:
 def see(seen, finger, proximity, dt):
     """Keep where a finger is; time [s] since its last sample, 0 if it is not newer, the step `dt` [s] if unknown.
 
-    A finger whose messages are missing is lifted off the body, straight and at a constant speed, by its depth within
-    `GONE`: its force falls to zero, and body and other fingers feel that as if it had been lifted. When messages
-    return, it begins there as after an outage of the body: the whole approach returns slowly (`finger.regained`).
+    A finger whose messages are missing stays there, and is lifted off (`lifted`). When they return, it begins at the
+    body, with a fingertip that is not compressed, and the approach returns slowly (`finger.regained`).
 
     seen, finger  `SEEN` and `FINGER`, changed in place
     """
     if not proximity.there:
         if not seen.missing:
-            seen.missing = True
-            seen.speed = max(seen.approach - seen.separation, LEAST) / GONE
+            seen.missing, seen.compressed, seen.left = True, finger.compression, 1.0
             put(seen.slip, (0.0, 0.0, 0.0))
+        seen.left = max(seen.left - dt / GONE, 0.0)
         seen.tick = seen.time = -1
-        before = seen.approach - seen.separation
-        depth = min(before, max(before - seen.speed * dt, -AWAY))
-        seen.gap += before - depth
-        seen.approach, seen.separation = max(depth, 0.0), max(-depth, 0.0)
         return dt
     seen.approach, seen.separation, seen.gap = proximity.approach, proximity.separation, proximity.gap
     put(seen.foot, vector(proximity.foot))
     put(seen.normal, vector(proximity.normal))
     put(seen.slip, vector(proximity.slip))
     seen.tick, seen.time = proximity.tick, proximity.time
-    returns, seen.missing = seen.missing and seen.speed > 0.0, False
+    returns, seen.missing, seen.heard = seen.missing and seen.heard, False, True
     if not returns:
         return since(finger, sample_of(proximity), dt)
-    finger.sampled = sample_of(proximity)
-    finger.depth, finger.rate, finger.settled = seen.approach - seen.separation, 0.0, False
+    depth = seen.approach - seen.separation
+    finger.sampled, finger.settled = sample_of(proximity), False
+    finger.withheld = max(finger.withheld, depth)  # if the body is missing as well; else it is found again
+    finger.depth, finger.rate, finger.compression = depth, 0.0, 0.0
+    advance(finger.course, 0.0, dt)
     return dt
+
+
+@ieee_kernel
+def lifted(seen, fingertip, law, others):
+    """Approach [m] of a finger whose messages are missing: its fingertip loses its compression within `GONE`.
+
+    It is solved at rest (`joint_steps`): lifted within this time, a viscous fingertip would lose the contact at once.
+    So its force falls to zero within `GONE`, on a body that recovers slowly as on springs.
+
+    fingertip   (5) its law and damping, see `physics.contact.series.kernel_form`
+    law         K, n, c, s_free, s_prev of the body
+    others [N]  effect of the other forces there
+    """
+    if not seen.left > 0.0:
+        return -AWAY
+    k, n, c, free, previous = law
+    compression = seen.left * seen.compressed
+    force, _ = elastic(compression, int(fingertip[0]), fingertip[1], fingertip[2], fingertip[3])
+    return compression + indentation(force + max(others, 0.0), math.inf, k, n, c, free, previous)

@@ -1,6 +1,6 @@
 """A nearly rigid plate."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 import numpy as np
@@ -20,6 +20,8 @@ class Rigid(CompiledNode):
     """A plate that is indented by force/stiffness, 10 nm at 10 N unless set otherwise, and sends no displacement: for
     scenes without tissue, and to see the fingertip alone. Several contacts do not feel one another."""
 
+    couples: ClassVar[bool] = False
+    """Whether a finger moves the surface under another one, which other bodies do."""
     plate_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 1e9
 
     State = SEVERAL

@@ -190,3 +190,30 @@ def test_each_finger_beyond_its_law_is_reported_once():
     assert bus.node.condition() and ["4.5 mm" in note for note in bus.node.notes()] == [True]
     bus.publish([msgspec.structs.replace(near(4.2e-3), **first), near(4.6e-3)])
     assert ["4.2 mm" in note for note in bus.node.notes()] == [True] and not bus.node.notes()
+
+
+@pytest.mark.parametrize("rate", [1e3, 4e3])
+@pytest.mark.parametrize("share", [0.0, 0.4])
+def test_a_finger_whose_place_is_missing_is_lifted_off_within_8_ms_and_the_other_stays(share, rate):
+    """Lifted within that time, its viscous fingertip would lose the contact at once, and on a coupled body the other
+    finger would feel that: 0.2 N in a tick."""
+    joint, dt, indented = Joint(), 1.0 / rate, (0.0, 0.0)
+    joint.start()
+    forces, gone, back = [], round(0.3 * rate), round(0.35 * rate)
+    for tick in range(round(1.2 * rate)):
+        laws = [[3e3, 1.5, 2.0, 0.0, each] for each in indented]
+        body = tissue(2, np.array([[1.0, share], [share, 1.0]]), laws, tick=tick - 1)
+        seen = [near(7e-3, tick=tick), None if gone <= tick < back else near(6e-3, tick=tick)]
+        solved = joint.step(seen, body, dt=dt)
+        indented = solved.indentation
+        forces.append(solved.force)
+    one, other = np.array(forces).T
+    ends, usual = gone + round(8e-3 * rate), other[gone - 1]
+    assert usual > 0.3 and (other[ends:back] == 0.0).all()
+    falls = -np.diff(other[gone - 1 : ends + 1])
+    assert (falls >= 0.0).all() and falls.max() < 0.55 * usual * (1e3 / rate)
+    rises = np.diff(one[gone - 1 : back])
+    assert rises.max() <= share * falls.max() + 1e-9, "as fast as the other is lifted"
+    assert one[back - 1] >= one[gone - 1] + 0.1 * share
+    assert np.diff(other[back - 1 :]).max() * rate < 40.0 and np.abs(np.diff(one[back - 1 :])).max() * rate < 40.0
+    assert (one[-1], other[-1]) == pytest.approx((one[gone - 1], usual), rel=0.02)

@@ -110,6 +110,11 @@ FAULTS = {
         ["node 'contact-2', input 'proximity'", "is the finger 'collision-2', but 'joint' solves for 'collision-1'",
          "`joint: {in: {proximity: [collision-1, collision-2]}}`"],
     ),
+    "a share without a finger": (
+        "contact-2: {in: {proximity: null}}",
+        ["node 'contact-2', input 'proximity'", "takes the contact of 'joint', and has no `proximity`",
+         "with one of the fingers of 'joint'"],
+    ),
     "a load that is left out": (
         "tissue: {in: {load: spread-1}}",
         ["node 'contact-2'", "reads the body 'tissue', on which only 'contact-1' presses"],

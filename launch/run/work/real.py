@@ -7,8 +7,8 @@ Inputs expire: after `HELD` without a new message (`RELEASED` for a paced node; 
 an input is missing. Time in which the node itself did not step does not count, except for hardware. So at 1 kHz, less
 than 20 ms after a node stops, its last messages no longer affect the device:
 
-* Nodes that it drives stop at once, since a step needs a new driving message. The other nodes depend on it only
-  through held inputs.
+* Nodes that it drives stop at once, since a step needs a new driving message; one that several senders may drive goes
+  on with the next of them (`Slot.hear`). The other nodes depend on it only through held inputs.
 * A node for which the input is optional continues without it after `HELD` (no tissue: no force).
 * A node for which the input is required stops after `HELD`, and its readers begin to hold its last message. All n
   required inputs of the graph share `HELD`: each is held for HELD / n (`Job.links`).
@@ -160,7 +160,7 @@ def _follow(worker: Worker, lead: Slot, until: int | None) -> tuple[int, int] | 
         if port.feed is None or port.dead:
             worker.pause()
         else:
-            worker.wait(port.feed, None if until is None else max(until, worker.now() + AGAIN))
+            worker.wait(port.feed, None if until is None or lead.blocked else max(until, worker.now() + AGAIN))
             if lead.blocked or until is not None:  # its input still arrives, so `wait` alone would not poll the sockets
                 worker.drain()
             worker.check_orders()
@@ -190,7 +190,8 @@ def take_inputs(worker: Waiting, slot: Slot, tick: int, deadline: int, leading: 
             messages.append(None)
             continue
         drives = slot.drives(port)
-        waits = (port.waits or drives) and not (leading and drives) and not _silent(worker, slot, port, tick)
+        waits = (port.waits or drives) and not (leading and drives) and not port.quiet
+        waits = waits and not _silent(worker, slot, port, tick)
         message = _pick(worker, port, tick, deadline, waits and not without)
         state = OLD if message is None else _stands(worker, slot, port, message, tick)
         without = without or lacks(state, port.port.optional)

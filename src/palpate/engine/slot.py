@@ -227,7 +227,7 @@ class Slot:
         self.awaited = [(place, self.inputs[place]) for place in latest]
         first = self.inputs[0].port if self.inputs else None
         senders = [each for each in self.inputs if each.port is first]
-        if first is not None and first.optional and len(senders) > 1:
+        if first is not None and first.optional and len(senders) > 1 and not self.node.paced:
             self.drivers = senders
         self.near = all(port.dead or (port.output is not None and port.every == 1) for port in self.inputs)
 

@@ -50,6 +50,11 @@ def test_two_fingers_move_the_tissue_of_each_other(name):
     assert driven(name) == [1, 1]
 
 
+def test_fingers_on_a_rigid_body_do_not_move_it():
+    """With `driven` the controllers gave 1.2 mJ to hands on a rigid plate, which neither had put in."""
+    assert driven("palpate-two", overrides=["tissue.use=deformation.Rigid"]) == [0, 0]
+
+
 def test_a_prescribed_motion_moves_it_too():
     assert driven("kidney", scene="breathing") == [1]
 

@@ -26,19 +26,19 @@ CYCLES, MOST_SWEEPS = 16, 64
 
 
 @ieee_kernel
-def _one(i: int, others: float, approach: Array, dt: float, before: Array, finger: Array, laws: Matrix, out: Matrix):
+def _one(i: int, others: float, approach: Array, dt: Array, before: Array, finger: Array, laws: Matrix, out: Matrix):
     """phi_i: solve contact i under the effect `others` [N] of the other forces; fills row i of `out`, returns t_i."""
     k, n, c, free, previous = laws[i]
     if others < 0.0:  # the others push the body towards the finger, such as from the opposite side of an organ
         free += others / k if n == 1.0 else 0.0
         others = 0.0
-    f, s1, s2, yields = balance(approach[i], dt, before[i], finger, k, n, c, free, previous, others)
+    f, s1, s2, yields = balance(approach[i], dt[i], before[i], finger, k, n, c, free, previous, others)
     out[i, 0], out[i, 1], out[i, 2] = f, s1, s2
     return yields if 0.0 <= yields <= 1.0 else 1.0
 
 
 @ieee_kernel
-def _others(i: int, coupling: Matrix, force: Array):
+def effect_of_others(i: int, coupling: Matrix, force: Array):
     """sum_j O_ij f_j (j != i) [N], the effect of the other forces at contact i."""
     total = 0.0
     for j in range(len(force)):
@@ -58,10 +58,29 @@ def joint_step(
     force: Array,
     out: Matrix,
 ):
+    """One step of k fingertips on one body: the fixed point f of the equations above. As `joint_steps`, with a step of
+    the same length for all.
+
+    dt [s]  T > 0; infinite gives the static split
+    """
+    joint_steps(approach, np.full(len(approach), dt), before, finger, laws, coupling, force, out)
+
+
+@ieee_kernel
+def joint_steps(
+    approach: Array,
+    dt: Array,
+    before: Array,
+    finger: Array,
+    laws: Matrix,
+    coupling: Matrix,
+    force: Array,
+    out: Matrix,
+):
     """One step of k fingertips on one body: the fixed point f of the equations above.
 
     approach  [m] (k)    e of each at the end of the step
-    dt        [s]        T > 0; infinite gives the static split
+    dt        [s] (k)    T > 0 of each; infinite gives the static split
     before    [m] (k)    compression of each fingertip before the step
     finger    (5)        law and damping of all, see `series.kernel_form`
     laws      (k,5)      terminal laws: K, n, c, s_free, s_prev
@@ -75,7 +94,7 @@ def joint_step(
     for _ in range(MOST_STEPS):
         worst = total = 0.0
         for i in range(count):
-            yields = _one(i, _others(i, coupling, force), approach, dt, before, finger, laws, out)
+            yields = _one(i, effect_of_others(i, coupling, force), approach, dt, before, finger, laws, out)
             for j in range(count):
                 matrix[i, j] = 1.0 if i == j else yields * coupling[i, j]
             miss[i] = out[i, 0] - force[i]
@@ -95,6 +114,6 @@ def joint_step(
         failed += 1
         for _ in range(min(2 ** max(failed - CYCLES, 0), MOST_SWEEPS)):
             for i in range(count):
-                _one(i, _others(i, coupling, force), approach, dt, before, finger, laws, out)
+                _one(i, effect_of_others(i, coupling, force), approach, dt, before, finger, laws, out)
                 force[i] = out[i, 0]
         least = np.inf

@@ -111,7 +111,8 @@ pace       share of its greatest speed that a foot has reached since its target 
            reason
 step, turned  motion of the foot [m], and change of its normal [1]
 coast      motion [m] that is left to a foot that was at its target when that leapt
-drift      change of the gap [m] in a step beyond that of a foot at rest
+drift      change of the gap [m] in a step beyond that of a foot at rest: what is left of it since the last leap, or
+           since the gap began to rise
 gains      share [1] that the gap covers of what it might in a step: it grows since the target leapt, or became that of
            another face
 excess     change of the gap [m] in the last step beyond that of a foot at rest
@@ -328,7 +329,8 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, kept: bool, dt: f
             if memory.rising == 0.0:
                 memory.drift = memory.excess
             memory.excess = rise(rises - held + memory.gap, max(moved / LANDING, dt / ARRIVES), memory)
-            memory.excess = min(memory.excess, memory.gap + rises - held)
+            least = max(memory.gap - moved - held, -BENT * moved)
+            memory.excess = max(min(memory.excess, memory.gap + rises - held), least)
             held += memory.excess
         elif exists and memory.rising > 0.0:  # a step without a length rises without a bound
             memory.drift += memory.rising * (rises - held + memory.gap)
@@ -341,7 +343,8 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, kept: bool, dt: f
                 memory.behind = memory.pace = 0.0
             else:  # the rate of the gap fades, as the tool's motion allows
                 fades = memory.excess * (1.0 - min(max(moved / LANDING, dt / ARRIVES), 1.0))
-                memory.excess = min(max(held + fades, memory.gap - moved), memory.gap + moved) - held
+                least = max(memory.gap - moved, held - BENT * moved)
+                memory.excess = min(max(held + fades, least), memory.gap + moved) - held
                 held += memory.excess
             stay(memory, held, foot)
             rest(memory)

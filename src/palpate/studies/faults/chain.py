@@ -107,6 +107,7 @@ class Chain:
                 port.queue.clear()
                 port.message = None
                 port.dead = not port.stream
+                port.quiet = False
         self.way.clear()
         self.tick = self.clock.at = 0
         self.ran = {slot.name: -1 for slot in self.slots}
@@ -151,6 +152,8 @@ class Chain:
         self._note("returns", name)
         slot = self.slot(name)
         slot.begin()
+        for port in slot.inputs:
+            port.quiet = False
         slot.node.replaces()
         self.ran[name] = self.tick - 1
         self.way = [entry for entry in self.way if entry[2] not in slot.inputs]
