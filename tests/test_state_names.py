@@ -38,7 +38,7 @@ TABLES: dict[str, dict[str, str]] = {
     "nodes/contact/coupled_step.py": {"out": MOTION, "wrench": MOTION},
     "nodes/contact/finger.py": {"law": LAW, "heard": LAW},
     "nodes/contact/joint.py": {"laws": LAW, "terminal": LAW, "own.law": ROW},
-    "nodes/contact/seen.py": {"fingertip": LAW},
+    "nodes/contact/seen.py": {"fingertip": TIP},
     "nodes/contact/series.py": {"own.law": ROW},
     "nodes/contact/sum.py": {"lengths": ROW},
     "nodes/deformation/beam_bundle.py": {"bed.contacts.laws": LAW},
