@@ -184,7 +184,6 @@ class Joint(Series):
             presses, approach, step, law = finger.pressing(
                 one, near, body.there, given, body.step, body.relaxation, time, dt, moved
             )
-            own.length[i] = math.inf
             if presses:
                 own.approach[i], terminal = approach, own.terminal[i]
                 terminal[0], terminal[1], terminal[2], terminal[3], terminal[4] = law
@@ -194,13 +193,11 @@ class Joint(Series):
                     own.approach[i] = min(approach, lifted(near, own.law[:], law, others))
                 else:
                     length = max(step, length)  # after a gap the longest step, see `finger.step_length`
-                    own.length[i] = 0.0
             own.before[i] = finger.start_of(one)
         # Solve for the normal forces of all contacts together.
         if pressed:
             for i in range(count):
-                if own.length[i] == 0.0:
-                    own.length[i] = length
+                own.length[i] = length if length > 0.0 and not own.seen[i].missing else math.inf
             joint_steps(
                 own.approach[:count], own.length[:count], own.before[:count], own.law[:], own.terminal[:count],
                 own.coupling[: count * count].reshape(count, count), own.force[:count], own.solved[:count],

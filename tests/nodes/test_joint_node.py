@@ -217,3 +217,14 @@ def test_a_finger_whose_place_is_missing_is_lifted_off_within_8_ms_and_the_other
     assert one[back - 1] >= one[gone - 1] + 0.1 * share
     assert np.diff(other[back - 1 :]).max() * rate < 40.0 and np.abs(np.diff(one[back - 1 :])).max() * rate < 40.0
     assert (one[-1], other[-1]) == pytest.approx((one[gone - 1], usual), rel=0.02)
+
+
+def test_a_finger_and_the_body_that_are_missing_leave_no_force_and_no_other_finger():
+    """One hovers, the other presses until its place and the body are missing in the same step."""
+    joint, body = Joint(), tissue(2, np.eye(2))
+    joint.start()
+    for _ in range(20):
+        assert joint.step([near(-5e-3), near(6e-3)], body, dt=1e-3).force[1] > 0.3
+    gone = np.array([joint.step([near(-5e-3), None], None, dt=1e-3).force for _ in range(12)])
+    assert np.isfinite(gone).all() and (gone[:, 0] == 0.0).all() and gone[-1, 1] == 0.0
+    assert (np.diff(gone[:, 1]) <= 0.0).all()

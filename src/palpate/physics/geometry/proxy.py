@@ -332,8 +332,6 @@ def _end(p: Vector3, moved: float, inside: bool, exists: bool, kept: bool, dt: f
             least = max(memory.gap - moved - held, -BENT * moved)
             memory.excess = max(min(memory.excess, memory.gap + rises - held), least)
             held += memory.excess
-        elif exists and memory.rising > 0.0:  # a step without a length rises without a bound
-            memory.drift += memory.rising * (rises - held + memory.gap)
         if exists and not leaves:
             memory.rising = 0.0
             _approach(p, moved, held, kept != memory.kept, dt, foot, memory)
