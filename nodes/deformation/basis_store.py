@@ -129,7 +129,7 @@ def start(path: Path, wanted: str) -> Start | None:
     except (ArchiveError, KeyError, ValueError):
         return None
     table = np.where(np.tri(size, dtype=bool), table, table.T)
-    return Start(stored["corners"], stored["weights"], table, stored["softness"])
+    return Start(stored["corners"], stored["weights"], table, stored["softness"], stored["holding"])
 
 
 def off(vertices: np.ndarray, surface: Mesh, reduced: bool = False) -> float:

@@ -294,7 +294,7 @@ class ReducedFE(MeshBody):
         `basis`: instead of the stored one. SettingError: that is missing."""
         body, triangles = self._make_shared(basis), self._place_basis(basis)[0].triangles
         model, true = body.model, body.model.true
-        soft, sideways = softness(Mesh(model.vertices, triangles), model, body.fine.spreader)
+        soft, sideways, _ = softness(Mesh(model.vertices, triangles), model, body.fine.spreader)
         compliance = exp((model.weights * soft[model.corners]).sum(axis=1))
         stiff = (1.0 - true.held) * true.normal * MEAN / self.radius / compliance
         return stiff, einsum("wa,wai->wi", model.weights, sideways[model.corners])

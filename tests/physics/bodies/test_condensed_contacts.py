@@ -20,6 +20,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.loads.pairs import _mean_inverse, joint_profile
 from palpate.physics.bodies.true_patch import MEAN
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers import continuum
 from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, TissueBlock, grade_axis
@@ -158,6 +159,53 @@ def test_the_slope_is_the_gradient_of_the_indentation_by_other_contacts():
     found = many.own.drawn[0] / 1e-9
     assert found[:2] == approx(expected, rel=0.12, abs=0.02 * abs(expected[0]))
     assert found[0] < 0.0 and abs(found[2]) < 1e-12  # it is pulled into the indentation of the other
+
+
+@lru_cache
+def curved(surface):
+    """A linear organ without viscosity, and the search for its nearest points."""
+    node = ReducedFE(surface=surface, position=(0.0, 0.0, 0.0), model="linear", retardation=0.0)
+    return CondensedBody.of(node), MeshClosestPoint(node.mesh())
+
+
+BALL = [  # the finger, and the other one, which presses
+    ((0.0, -0.002, 0.021), (0.020, 0.0, -0.005)), ((-0.008, 0.003, 0.019), (0.020, 0.0, -0.005)),
+    ((0.002, 0.0, 0.021), (0.012, 0.002, 0.016)),
+]  # fmt: skip
+KIDNEY = [((0.0, 0.015, 0.015), (0.0, -0.01, 0.02)), ((0.043, 0.001, 0.015), (-0.04, 0.0, 0.01))]
+
+
+@pytest.mark.parametrize(
+    ("surface", "at", "other"), [("sphere", *pair) for pair in BALL] + [("kidney", *pair) for pair in KIDNEY]
+)
+def test_on_curved_ground_the_slope_is_that_of_the_work_on_both(surface, at, other):
+    """The other finger pushes a ball aside on its foundation, by 7 mm/N. While the turn of the normal, and of the force
+    that holds a patch, was left out, the slope was up to three times as large, and pointed the other way."""
+    (body, closest), step = curved(surface), 5e-4
+    many = body.under(2)
+
+    def foot(point):
+        found, normal, *_ = closest.find(np.array([point]))
+        return found[0], normal[0]
+
+    there, facing = foot(other)
+    pushes = load(body, there, 1.0, tuple(facing))
+
+    def joined(point):
+        place, normal = foot(point)
+        for _ in range(2):
+            many.steps([load(body, place, 1e-2, tuple(normal)), pushes], 1e3)
+        return many.own.cross[0, 1], place
+
+    here, n = foot(at)
+    tangents = np.linalg.svd(n[None])[2][1:]
+    expected = []
+    for way in tangents:
+        (ahead, to), (back, start) = joined(here + step * way), joined(here - step * way)
+        expected.append((ahead - back) / np.linalg.norm(to - start))
+    joined(here)
+    found = tangents @ many.own.drawn[0] / 1e-2
+    assert found == approx(expected, abs=0.04 * np.linalg.norm(expected) + 1e-4)
 
 
 @pytest.mark.parametrize("near", [5e-3, 12e-3])

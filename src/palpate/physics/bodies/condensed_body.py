@@ -57,7 +57,8 @@ class CondensedBody(NamedTuple):
     drawn: Annotated[np.ndarray, "<f8", 2]  # [N] (c,3) tangential energy gradient due to the other contacts
     kept: Annotated[np.ndarray, KEPT_TYPE, 2]  # (c,c), see `condensed_contacts.joint_answer`
     profile: Annotated[np.ndarray, "<f8", 1]  # for several contacts, see `loads.pairs.joint_profile`
-    room: Annotated[np.ndarray, "<f8", 3]  # workspace
+    room: Annotated[np.ndarray, "<f8", 3]  # workspaces
+    vectors: Annotated[np.ndarray, "<f8", 3]
     field: Annotated[np.ndarray, "<f4", 2]  # [m] (V,3) workspace, displacement of the coarse vertices
     gradient: Annotated[np.ndarray, "<f8", 1]  # [N] (3), and shape [1/m] (3,3), of the last `slope`
     shape: Annotated[np.ndarray, "<f8", 2]
@@ -69,13 +70,14 @@ class Start(NamedTuple):
     corners: np.ndarray  # (N,3) and weights (N,3) of each vertex of the fine mesh, see `lies_on`
     weights: np.ndarray
     table: np.ndarray  # [1/m] (V,V) float32, see `mean_inverse_distance`
-    softness: np.ndarray  # (V,) see `Ground`
+    softness: np.ndarray  # (V,) and holding (V,3), see `Ground`
+    holding: np.ndarray
 
     @classmethod
     def of(cls, body: CondensedBody) -> "Start":
         """The results in a body."""
         model = body.model
-        return cls(model.corners, model.weights, model.true.table, body.ground.softness)
+        return cls(model.corners, model.weights, model.true.table, body.ground.softness, body.ground.holding)
 
     def fits(self, coarse: int, fine: int) -> bool:
         """Whether a file has it for these numbers of vertices: kernels index it without a check."""
@@ -83,8 +85,8 @@ class Start(NamedTuple):
             check_indices(self.corners, coarse, "a vertex lies on")
         except ValueError:
             return False
-        shapes = (self.corners.shape, self.weights.shape, self.table.shape, self.softness.shape)
-        return shapes == ((fine, 3), (fine, 3), (coarse, coarse), (coarse,))
+        shapes = tuple(each.shape for each in self)
+        return shapes == ((fine, 3), (fine, 3), (coarse, coarse), (coarse,), (coarse, 3))
 
 
 def condensed_body(
@@ -130,8 +132,11 @@ def condensed_body(
         young, retardation, mesh.vertices, true, area, DEEPEST if apart is None or apart.any() else DEEPEST_COVERED,
         remembers,
     )  # fmt: skip
-    soft = softness(coarse, model, fine.spreader)[0] if start is None else start.softness
-    ground = Ground(coarse.normals, soft, rho)
+    if start is None:
+        soft, _, held = softness(coarse, model, fine.spreader)
+    else:
+        soft, held = start.softness, start.holding
+    ground = Ground(coarse.normals, soft, held, rho)
     return under(model, ground, fine, 1)
 
 
@@ -145,7 +150,7 @@ def under(model: step.CondensedModel, ground: Ground, fine: FineMesh, count: int
         contacts, np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros((count, 3)),
         np.eye(count), np.zeros((count, count)), np.zeros((count, 3)),
         np.zeros((several, several), KEPT_TYPE), joint_profile() if several else np.zeros(0),
-        np.zeros((4, several, size)), np.zeros((size, 3), np.float32), np.zeros(3), np.zeros((3, 3)),
+        np.zeros((4, several, size)), np.zeros((2 * several, size, 3)), np.zeros((size, 3), np.float32), np.zeros(3), np.zeros((3, 3)),
     )  # fmt: skip
 
 
@@ -182,7 +187,7 @@ def answer(body: CondensedBody, laws: Matrix, dt: float):
     else:
         joint_answer(
             model, body.profile, body.fields, body.marks, body.contacts, body.counts, body.normals, body.feet,
-            body.room, body.cross, body.coupling, body.drawn, body.kept, dt,
+            body.room, body.cross, body.coupling, body.drawn, body.kept, body.ground, body.vectors, dt,
         )  # fmt: skip
     for i in range(len(laws)):
         contact = body.contacts[i]

@@ -27,17 +27,28 @@ model by at most 2.1 % either way. Sticking of each point of a patch affects onl
 
 Large displacement is applied to the total indentation of a patch. The ratio tau_i of its chord compliance to the linear
 one scales the coupling: c_ij sqrt(tau_i tau_j) is symmetric and positive, so that the joint step is passive. Two
-contacts at the same place equal one with both forces. The tangential energy gradient at contact i is that of
-`physics.bodies.place_energy` plus f_i times the gradient of a_ij, which attracts a finger to another's indentation.
+contacts at the same place equal one with both forces.
+
+The tangential energy gradient at contact i is that of `physics.bodies.place_energy` plus f_i times the gradient of a_ij
+along the surface, which attracts a finger to another's indentation. With the displacement u by contact j and the forces
+that hold its patch, it has two parts,
+
+    sum over v of dg_i,v/dp (n_i + t_i).u_v + (dn_i/dp + dt_i/dp).u_i,    u_i = sum over v of g_i,v u_v
+
+On curved ground the normal turns with the foot, and so does the force that holds a patch: without the second part an
+organ that another finger pushes aside as a whole would seem tilted. Both derivatives are those of the means over the
+patch of n and t round each coarse vertex.
 """
 
 import numpy as np
 
 from palpate.compiler.fields import element_type
 from palpate.compiler.kernel import kernel
+from palpate.compiler.memory import stack_zeros
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Tensor
 from palpate.physics.bodies import condensed_step as step
 from palpate.physics.bodies.loads.pairs import between, hats, sticking
+from palpate.physics.bodies.place_energy import Ground
 
 KEPT = {"bore": bool, "acts": (4,), "left": (4,)}
 """State of the correction k_ij: whether contact j bore a load; k_ij [m Pa] and its gradient [Pa] (3) along the surface
@@ -60,6 +71,8 @@ def joint_answer(
     coupling: Matrix,
     slope: Matrix,
     kept: Record,
+    ground: Ground,
+    vectors: Tensor,
     dt: float,
 ):
     """Coupling between contacts, and large displacement: updates `contacts`, and fills the compliances between patches
@@ -70,8 +83,11 @@ def joint_answer(
                                                                   is filled
     room   (4,c,V) lists of the loaded and touched vertices of each contact, shares of its patch, two workspaces
     kept   (c,c) `KEPT` of contact i for each j
+    ground  normals and holding forces round the coarse vertices
+    vectors (2 c,V,3) two workspaces of each contact, see `_pair`
     """
     many = len(counts)
+    held = np.zeros((many, 3))
     aside, others, scale = np.zeros((many, 2)), np.zeros(many), np.zeros(many)
     listed, shares, responds, near = room[0], room[1], room[2], room[3]
     slope[:] = 0.0
@@ -79,11 +95,11 @@ def joint_answer(
         cross[i, i] = 0.0
         _list_vertices(fields[i], marks[i], counts[i], listed[i], shares[i])
     # compliances between patches, indentation and gradient due to the others
-    lost = sticking(model, profile, marks, contacts, counts, normals, feet, shares, near)
+    lost = sticking(model, profile, marks, contacts, counts, normals, feet, shares, near, held)
     for i in range(many):
         for j in range(i):
             _pair(i, j, model, profile, fields, marks, contacts, counts, normals, feet, listed, shares, responds, near,
-                  cross, aside, slope, lost, kept)  # fmt: skip
+                  cross, aside, slope, lost, held, kept, ground, vectors)  # fmt: skip
     # large displacement at the effective forces; tau is the square of `scale`
     take = dt / (dt + model.retardation)
     for i in range(many):
@@ -152,22 +168,32 @@ def _pair(
     aside: Matrix,
     slope: Matrix,
     lost: Matrix,
+    held: Matrix,
     kept: Record,
+    ground: Ground,
+    vectors: Tensor,
 ):
     """Fill c_ij in `cross`, and add a_ij to `aside` and its gradient to `slope`, for both contacts, see `joint_answer`.
 
-    C is read once for both directions. `lost`: of `sticking`.
+    C is read once for both directions. `lost`, `held`: of `sticking`.
     """
+    sticks = 0.0 if contacts[i].organ or contacts[j].organ else 1.0
     true, compliance, young = model.true, model.compliance, model.young
     n, m, f, g = normals[i], normals[j], fields[i, 0], fields[j, 0]
     # -n.C h of each contact at the vertices of the other, in `mine` and `yours`; g_i.C g_j in `both`
     mine, yours = responds[i], responds[j]
+    # -C (h + t) of each contact, with the forces that hold its patch, at the vertices of the other
+    my_pull, your_pull, my_way, your_way = vectors[2 * i], vectors[2 * j], vectors[2 * i + 1], vectors[2 * j + 1]
+    _pulls(contacts[i], listed[i], counts[i, 2], shares[i], f, held[i], sticks, my_pull)
+    _pulls(contacts[j], listed[j], counts[j, 2], shares[j], g, held[j], sticks, your_pull)
     for k in range(counts[j, 2]):
         yours[int(listed[j, k])] = 0.0
+        your_way[int(listed[j, k])] = 0.0
     both = 0.0
     for k in range(counts[i, 2]):
         v = int(listed[i, k])
         total = 0.0
+        my_way[v] = 0.0
         for q in range(counts[j, 2]):
             b = int(listed[j, q])
             for x in range(3):
@@ -177,6 +203,10 @@ def _pair(
                 both += shares[i, v] * shares[j, b] * n[x] * along
                 yours[b] -= f[v, x] * along
                 total -= n[x] * (c0 * g[b, 0] + c1 * g[b, 1] + c2 * g[b, 2])
+                my_way[v, x] += c0 * your_pull[b, 0] + c1 * your_pull[b, 1] + c2 * your_pull[b, 2]
+                your_way[b, 0] += my_pull[v, x] * c0
+                your_way[b, 1] += my_pull[v, x] * c1
+                your_way[b, 2] += my_pull[v, x] * c2
         mine[v] = total
     # correction H_ij minus the reduction by sticking; c_ij is limited to sqrt(c_ii c_jj)
     facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0) * true.normal
@@ -196,10 +226,20 @@ def _pair(
         keeps, out = kept[a, b], 0.0
         _keep_correction(a, b, more, facing, change, model, fields, marks, contacts, counts, feet, near, keeps)
         done = more * press + keeps.left[0]
+        way = vectors[2 * a + 1]
+        side, mean = stack_zeros((3,)), stack_zeros((3,))
+        for x in range(3):
+            side[x] = normals[a, x] + sticks * held[a, x]
         for k in range(counts[a, 1]):
             v = marks[a, 2, k]
-            here = responds[a, v]
-            done += shares[a, v] * here
+            done += shares[a, v] * responds[a, v]
+            for x in range(3):
+                mean[x] += shares[a, v] * way[v, x]
+        for k in range(counts[a, 1]):
+            v, here = marks[a, 2, k], 0.0
+            for x in range(3):
+                turns = ground.normals[v, x] + sticks * ground.holding[v, x]
+                here += side[x] * way[v, x] + turns * mean[x]
             if len(true.table) > 0:
                 here -= facing * near[a, v] * press
             for x in range(3):
@@ -211,6 +251,25 @@ def _pair(
         for x in range(3):
             slope[a, x] -= out * normals[a, x]
         _add_indentation(aside[a], share * done, contacts[b])
+
+
+@kernel
+def _pulls(
+    contact: Record,
+    listed: Array,
+    count: int,
+    shares: Array,
+    history: Matrix,
+    held: Array,
+    sticks: float,
+    pulls: Matrix,
+):
+    """Fill minus the forces of a contact on its vertices: its history, and what holds its patch under its load."""
+    press = sticks * contact.press if contact.total > 0.0 else 0.0
+    for k in range(count):
+        v = int(listed[k])
+        for x in range(3):
+            pulls[v, x] = shares[v] * press * held[x] - history[v, x]
 
 
 @kernel

@@ -33,6 +33,7 @@ from palpate.compiler.memory import stack_zeros
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector, Vector3
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.loads.acting import acting_patch
+from palpate.physics.bodies.loads.pairs import holding
 from palpate.physics.bodies.loads.scattered import acting_radius
 from palpate.physics.bodies.patch import normal_force
 from palpate.physics.bodies.true_patch import Holds, gather_compliance, patch_compliance
@@ -47,27 +48,39 @@ force changes by at most 1/SUDDEN + MOST_ASIDE times the secant stiffness f/e, t
 
 
 class Ground(NamedTuple):
-    """The coarse surface; softness: logarithm of the linear organ's compliance under a patch round each vertex."""
+    """The coarse surface; softness: logarithm of the linear organ's compliance under a patch round each vertex; holding:
+    tangential force that holds this patch under a unit normal force."""
 
     normals: Annotated[np.ndarray, "<f8", 2]  # [1] (V,3)
     softness: Annotated[np.ndarray, "<f8", 1]  # [1] (V,)
+    holding: Annotated[np.ndarray, "<f8", 2]  # [1] (V,3)
     rho: Annotated[np.ndarray, "<f8", 1]  # [1] of large displacement
 
 
-def softness(mesh: Mesh, model: Any, spreader: Spreader) -> tuple[np.ndarray, np.ndarray]:
+def softness(mesh: Mesh, model: Any, spreader: Spreader) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Logarithm (V,) of the compliance under the spreader's patch round each vertex of a coarse mesh, for a modulus of
     1 Pa; the mean of all where a patch is empty. And the indentation by a force along the surface on this patch, per
-    newton, over that by a normal force [1] (V,3). model: a `CondensedModel` whose fine mesh is the spreader's"""
+    newton, over that by a normal force [1] (V,3). And the tangential force that holds this patch, per newton of normal
+    force [1] (V,3). model: a `CondensedModel` whose fine mesh is the spreader's"""
     compliances, sideways = np.full(len(mesh.vertices), np.nan), np.zeros((len(mesh.vertices), 3))
+    held = np.zeros_like(sideways)
     given = (np.ascontiguousarray(each) for each in (mesh.vertices, mesh.normals))
-    _soften(*given, model, spreader, compliances, sideways)
+    _soften(*given, model, spreader, compliances, sideways, held)
     good = compliances > 0.0
     compliances[~good] = compliances[good].mean() if good.any() else 1.0
-    return log(compliances), sideways
+    return log(compliances), sideways, held
 
 
 @ieee_kernel
-def _soften(vertices: Matrix, normals: Matrix, model: Record, spreader: Spreader, compliances: Array, sideways: Matrix):
+def _soften(
+    vertices: Matrix,
+    normals: Matrix,
+    model: Record,
+    spreader: Spreader,
+    compliances: Array,
+    sideways: Matrix,
+    held: Matrix,
+):
     measure, block, narrow = np.zeros((len(vertices), 3)), np.zeros((3, 3)), np.zeros((3, 3))
     holds = Holds(np.zeros(3), np.zeros((2, 2)), np.zeros(2))
     order, marked = np.zeros(len(vertices), np.int64), np.zeros(len(vertices), np.bool_)
@@ -108,6 +121,7 @@ def _soften(vertices: Matrix, normals: Matrix, model: Record, spreader: Spreader
         out = row_times(normal, sideways[v])
         body, more = patch_compliance(model.true, normal, acts, block, narrow, hats, holds)
         compliances[v] = body + more
+        holding(holds, normal, held[v])
         for i in range(3):
             sideways[v, i] = (sideways[v, i] - out * normal[i]) / compliances[v]
         for k in range(touched):

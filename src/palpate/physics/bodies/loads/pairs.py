@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.compiler.exact import cos, product
 from palpate.compiler.kernel import kernel
-from palpate.physics.arrays import Array, Indices, Matrix, Record
+from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
 from palpate.physics.bodies.true_patch import sideways
 from palpate.physics.kept import keep_results
 from palpate.physics.special import gauss_legendre, patch_depth
@@ -78,15 +78,17 @@ def sticking(
     feet: Matrix,
     shares: Matrix,
     near: Matrix,
+    held: Matrix,
 ):
     """Reduction [m/N] (c,c) of the compliances between patches because they stick, for a modulus of 1 Pa; its diagonal
-    is zero, as c_ii includes it. 0 if patches slide."""
+    is zero, as c_ii includes it. 0 if patches slide. Fills `held` [1] (c,3), the tangential forces that hold them."""
     many, compliance, true = len(counts), model.compliance, model.true
-    lost, block, held = np.zeros((many, many)), np.zeros((3, 3)), np.zeros((many, 3))
+    lost, block = np.zeros((many, many)), np.zeros((3, 3))
+    held[:] = 0.0
     if not true.sticks:
         return lost
     for i in range(many):
-        _holding(contacts[i].holds, normals[i], held[i])
+        holding(contacts[i].holds, normals[i], held[i])
         for j in range(i):
             if contacts[i].organ or contacts[j].organ:  # its patch is another when it parts, but not its history
                 continue
@@ -113,7 +115,7 @@ def sticking(
 
 
 @kernel
-def _holding(holds: Record, normal: Array, held: Array):
+def holding(holds: Record, normal: Vector3, held: Array):
     """Fill the tangential force [1] (3) that holds a patch under a unit normal force."""
     a, b, d = holds.own[0, 0], holds.own[0, 1], holds.own[1, 1]
     y, z = holds.cross[0], holds.cross[1]
