@@ -106,3 +106,27 @@ def test_laws_of_absurd_forces_are_valid():
             indent(mesh, foundation, fingers, (force, 1.0))
             for law in foundation.contacts.laws.tolist():
                 check_law(Terminal(*law))
+
+
+def test_a_finger_in_the_air_next_to_one_that_rubs_has_the_law_of_its_patch():
+    """Of the few beams that both share friction moves some. Its law was extrapolated from there to the least force, up
+    to 50 000 times as far: as soft as 3e-5 N/m³, with an indentation of 36 mm in the air; a finger that landed felt
+    nothing at first."""
+    mesh, start = ball()
+    alone, light, checked = copied(start), 0.02, 0
+    feet = BALL * np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])
+    indent(mesh, alone, [(foot, foot / BALL, np.zeros(3)) for foot in feet], (0.0, 0.0))
+    stiffness, power = alone.contacts.laws[1, :2]
+    for apart, rub in [(a, r) for a in np.linspace(0.7, 0.835, 28) for r in (-0.5, 0.5)]:
+        turn = 2.0 * RADIUS * apart / BALL
+        feet, foundation = BALL * np.array([[0.0, 0.0, 1.0], [np.sin(turn), 0.0, np.cos(turn)]]), copied(start)
+        rubs = np.array([[rub, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        for _ in range(100):
+            indent(mesh, foundation, list(zip(feet, feet / BALL, rubs, strict=True)), (4.0, 0.0))
+        (k, n, _, free, _), effect = foundation.contacts.laws[1], foundation.contacts.coupling[1, 0] * 4.0
+        if not 0.0 < effect < 1e-3:
+            continue
+        checked += 1
+        assert abs(free + (effect / k) ** (1.0 / n)) < 0.5e-3
+        assert 0.7 < (light / k) ** (1.0 / n) / (light / stiffness) ** (1.0 / power) < 1.5
+    assert checked > 5

@@ -229,10 +229,11 @@ def _response(i: int, dt: float, beams: Record, moving: Record, contacts: Record
     fill the coupling to the other contacts.
 
     Friction indents beams that are inclined to the contact, and it grows with the normal force. So the slope of the law
-    is that for forces that grow in proportion, where this is the softer one, `whole`. Without it a contact that solves
-    with the law overshoots, and above twice the compliance each step makes the next one worse. Where the law is softer
-    than the indentation over the force, it begins before the free indentation, so that it passes through the present
-    state. (It began there, predicted too much, and two fingers that rub the same beams took turns at the force.)
+    of a contact that presses is that for forces that grow in proportion, where this is the softer one, `whole`. Without
+    it a contact that solves with the law overshoots, and above twice the compliance each step makes the next one worse.
+    Where the law is softer than the indentation over the force, it begins before the free indentation, so that it
+    passes through the present state. (It began there, predicted too much, and two fingers that rub the same beams took
+    turns at the force.)
     """
     normal, which, total = contacts.normals[i], contacts.which[i], contacts.forces[i]
     others = 0.0
@@ -274,17 +275,22 @@ def _response(i: int, dt: float, beams: Record, moving: Record, contacts: Record
                 soft = w * length * shares[a] / (moduli[a] + rate) / area
                 compliance += w * soft * face * max(face, 0.0)
                 whole += face * soft * push
-    # the law at the effective force; below the least force the response is extrapolated linearly to it
+    # the law at the effective force; below the least force the response is extrapolated to it: along its chord, or where
+    # others act on a few of the beams, whose friction and limits say nothing of the rest, at the slope
     compliance, lacks = max(compliance, LEAST_COMPLIANCE), 0.0
     if loaded:  # what friction takes from the indentation under the normal forces, and what the slope adds to it
         together = total + others / compliance
         if total < LARGEST_FORCE:
             lacks = max(compliance * together - whole, 0.0) + contacts.rubbed[i] * together
-        compliance = max(compliance, whole / together) + contacts.rubbed[i]
+        compliance = max(compliance, whole / together if total > 0.0 else 0.0) + contacts.rubbed[i]
     acting = total + others / compliance
     least = max(acting, LEAST_FORCE)
     if loaded and acting < least:
-        deep = free + (deep - free) * least / acting
+        if others > 0.0:
+            free = deep - acting * compliance
+            deep = free + least * compliance
+        else:
+            deep = free + (deep - free) * least / acting
     slope = 1.0 / compliance
     law = contacts.laws[i]
     law[3], law[4] = max(free - min(max(free + least / slope - deep, 0.0), lacks), LEAST_FREE), previous
