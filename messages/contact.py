@@ -57,6 +57,8 @@ class Contact(Sparse):
     whole             [N]   (h)  where several organs are under the finger, h = 1: the force that all of the patch would
                                  have if it were on this organ; the other fields are those of its share. Else h = 0, and
                                  it is omitted on the wire
+    generated         [J]   (g)  energy that the body has generated since the start, as far as this finger got it, where
+                                 several fingers press and nothing else moves it: g = 1. Else g = 0, and omitted
     """
 
     foot: Annotated[Vector3, "m"]
@@ -69,6 +71,7 @@ class Contact(Sparse):
     lateral_force: Annotated[Vector3, "N"] = always_sent((0.0, 0.0, 0.0))
     stored: Annotated[Vector, "J", ("e",)] = always_sent(())
     whole: Annotated[Floats, "N", ("h",)] = NO_FLOATS
+    generated: Annotated[Floats, "J", ("g",)] = NO_FLOATS
 
 
 class Contacts(Message):
@@ -81,6 +84,8 @@ class Contacts(Message):
     indentation_rate  [m/s] (c)   change of s2 over the step
     lateral_force     [N]   (c,3) on each finger along the surface, towards where the body is softer; not friction
     stored            [J]   (e)   energy stored in each fingertip; e = c, 0 if no node reads it
+    generated         [J]   (g)   energy that the body has generated since the start, as far as each finger got it; g =
+                                  c, 0 where other bodies touch it
     """
 
     force: Annotated[Vector, "N", ("c",)]
@@ -90,6 +95,7 @@ class Contacts(Message):
     indentation_rate: Annotated[Vector, "m/s", ("c",)]
     lateral_force: Annotated[Floats, "N", ("c", 3)]
     stored: Annotated[Vector, "J", ("e",)] = ()
+    generated: Annotated[Vector, "J", ("g",)] = ()
 
 
 class Friction(Message):

@@ -176,12 +176,13 @@ class World(CompiledNode):
     """Contact and friction on an organ that rotates, which are computed in its frame, in that of the world: for a
     finger on several organs (`contact.Sum`)."""
 
-    State = {"at": (3,), "turn": (3,), "centre": (3,), "whole": ARRAY}
+    State = {"at": (3,), "turn": (3,), "centre": (3,), "whole": ARRAY, "generated": ARRAY}
     """Of the last support, which stays while it is missing."""
 
     def start(self) -> None:
         super().start()
         self.hold("whole", np.zeros(1))
+        self.hold("generated", np.zeros(1))
 
     @kernel
     def compute(
@@ -210,6 +211,9 @@ class World(CompiledNode):
         if contact.whole.shape[0] > 0:
             floats(own.whole)[0] = floats(contact.whole)[0]
         lend_first(out.whole, own.whole, contact.whole.shape[0])
+        if contact.generated.shape[0] > 0:
+            floats(own.generated)[0] = floats(contact.generated)[0]
+        lend_first(out.generated, own.generated, contact.generated.shape[0])
         put(rubbed.force, REST)
         put(rubbed.bristle, REST)
         rubbed.stick, rubbed.stored.count = True, 0

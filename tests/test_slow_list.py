@@ -51,7 +51,7 @@ def test_fast_checks_run_the_tests_of_what_changed():
         "tests/units/test_quantity.py",
     ]
     assert "tests/whole/test_set_up.py" in run("check.sh"), "that names it"
-    assert "tests/physics/bodies/test_condensed_contacts.py" in run("tests/support/pressing.py"), "that imports it"
+    assert "tests/physics/bodies/test_sampled_taps.py" in run("tests/support/pressing.py"), "that imports it"
     assert run("README.md", "src/palpate/units/__init__.py"), "no test imports it"
     many = [str(file) for file in sources() if file.parts[0] == "nodes"]
     assert run(*many) == [*FOLDERS, "tests/test_imports.py"]

@@ -6,11 +6,11 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from palpate.compiler.records import floats, nth, put, vector
+from palpate.compiler.records import floats, lend_first, nth, put, vector
 from palpate.messages import Contact, Contacts, Proximity, Surface
 from palpate.messages.contact import Neighbour
 from palpate.messages.record import ROOM
-from palpate.nodes.base import TABLE, CompiledNode, InputError, Out, Wants
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, InputError, Out, Wants
 from palpate.nodes.base.kernels import ieee_kernel, kernel
 from palpate.nodes.base.samples import sample_of
 from palpate.nodes.contact import finger
@@ -21,6 +21,7 @@ from palpate.nodes.contact.series import BAD_LAW, BODY, Series, law_of
 from palpate.physics.contact.end_rate import arrive
 from palpate.physics.contact.joint import effect_of_others, joint_steps
 from palpate.physics.contact.organs.backed import backed_laws
+from palpate.physics.contact.pool import END, assign_generated, energy_given
 from palpate.physics.contact.series import series_energy
 
 MISMATCH = 2  # fault: the number of the body's laws differs from the number of fingers
@@ -122,6 +123,7 @@ class Joint(Series):
         "force": (ROOM,), "solved": (ROOM, 3), "lateral": TABLE,
         "laws": TABLE, "others": (ROOM,), "yields": TABLE, "pressing": (ROOM,),  # of the body; of its neighbours
         "nearest": NEAREST,
+        "ends": (ROOM, END), "given": (ROOM,), "held": (), "generated": (ROOM,),  # [J] of `physics.contact.pool`
     }  # fmt: skip
 
     def start(self) -> None:
@@ -204,7 +206,7 @@ class Joint(Series):
             )  # fmt: skip
             measure_distance(own, count)
         # New state and output of each contact.
-        lateral = floats(own.lateral)
+        lateral, most = floats(own.lateral), 0.0
         for i in range(count):
             one, f = own.finger[i], own.solved[i]
             gradient, shape, sloped = slope_for(body, several, i)
@@ -214,6 +216,10 @@ class Joint(Series):
             )  # fmt: skip
             out.compression.values[i], out.compression_rate.values[i] = one.compression, rate
             lateral[i, 0], lateral[i, 1], lateral[i, 2] = along
+            end, near = own.ends[i], own.seen[i]
+            end.known = end.known and not near.missing
+            own.given[i] = energy_given(end, out.force.values[i], near.gap, along, vector(near.slip), own.moved[i])
+            most += out.force.values[i] * (one.compression + max(out.indentation.values[i], 0.0))
             if own.energy:
                 out.stored.values[i] = series_energy(
                     one.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3]
@@ -221,6 +227,12 @@ class Joint(Series):
         out.force.count = out.indentation.count = out.indentation_rate.count = count
         out.compression.count = out.compression_rate.count = count
         out.stored.count = count if own.energy else 0
+        out.generated.count = 0
+        if neighbour.count == 0:
+            own.held = assign_generated(own.held, own.given[:count], most, own.generated[:count])
+            out.generated.count = count
+            for i in range(count):
+                out.generated.values[i] = own.generated[i]
         out.lateral_force.address = own.lateral.address
         out.lateral_force.shape[0], out.lateral_force.shape[1] = count, 3
 
@@ -258,11 +270,12 @@ class Share(CompiledNode):
 
     finger: Annotated[int, "1", msgspec.Meta(ge=-1, lt=ROOM)] = -1
 
-    State = {"foot": (3,), "normal": (3,)}  # [m], [1] of the last message
+    State = {"foot": (3,), "normal": (3,), "generated": ARRAY}  # [m], [1] of the last message; [J] that is sent
 
     def start(self) -> None:
         super().start()
         self.own["normal"] = (0.0, 0.0, 1.0)
+        self.hold("generated", np.zeros(1))
 
     @kernel
     def compute(
@@ -286,6 +299,10 @@ class Share(CompiledNode):
         put(out.lateral_force, (lateral[i, 0], lateral[i, 1], lateral[i, 2]))
         out.stored.count = 1 if contacts.stored.count > i else 0
         out.stored.values[0] = contacts.stored.values[i]
+        known = contacts.generated.count > i
+        if known:
+            floats(own.generated)[0] = contacts.generated.values[i]
+        lend_first(out.generated, own.generated, 1 if known else 0)
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         contacts = messages[0]

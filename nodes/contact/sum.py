@@ -2,10 +2,12 @@
 
 from typing import Annotated
 
+import numpy as np
+
 from palpate.compiler.exact import hypot
-from palpate.compiler.records import nth, put, vector
+from palpate.compiler.records import floats, lend_first, nth, put, vector
 from palpate.messages import Contact, Friction
-from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.nodes.base import ARRAY, CompiledNode, Out, Wants
 from palpate.nodes.base.kernels import ieee_kernel
 
 
@@ -14,11 +16,15 @@ class Sum(CompiledNode):
 
     Each organ has a separate collision, contact, spread and body. If only one organ is touched, the contact is that of
     this organ. Otherwise force and normal are those of F = sum f_i n_i, the lengths are means weighted with f_i, the
-    stored energies are added, and the foot is that of the greatest force. The organs touch each other only through a
+    energies are added, and the foot is that of the greatest force. The organs touch each other only through a
     `contact.Between`.
     """
 
-    State = {"total": (3,), "along": (3,), "lengths": (4,)}  # sums over the organs
+    State = {"total": (3,), "along": (3,), "lengths": (4,), "generated": ARRAY}  # sums over the organs
+
+    def start(self) -> None:
+        super().start()
+        self.hold("generated", np.zeros(1))
 
     @ieee_kernel
     def compute(
@@ -40,8 +46,11 @@ class Sum(CompiledNode):
         total, along, lengths = own.total, own.along, own.lengths
         total[:], along[:], lengths[:] = 0.0, 0.0, 0.0
         whole, stored, pressing, most = 0.0, 0.0, 0, 0
+        generated, known = 0.0, 0
         for i in range(contact.count):
             one = nth(contact, i)
+            if one.generated.shape[0] > 0:
+                generated, known = generated + floats(one.generated)[0], 1
             f = one.force
             if f > nth(contact, most).force:
                 most = i
@@ -55,6 +64,8 @@ class Sum(CompiledNode):
             lengths[2] += f * one.compression_rate
             lengths[3] += f * one.indentation_rate
             stored += one.stored.values[0] if one.stored.count > 0 else 0.0
+        floats(own.generated)[0] = generated
+        lend_first(out.generated, own.generated, known)
         # The contact with the largest force gives foot and normal; alone, it is the output.
         first = nth(contact, most)
         put(out.foot, vector(first.foot))

@@ -112,6 +112,69 @@ def test_a_hand_that_another_finger_pushes_out_feels_the_contact_until_it_ends(t
         assert not hand(trace).broken
 
 
+ROUND = Touch(
+    Setting("sphere-nurbs", 0, "ReducedFE", "", 2000.0, 2, width=0.0,
+            more=("tissue.retardation=0.0", "device.hand_stiffness=1000")),
+    (
+        Finger(
+            (0.008916, -0.003215, 0.035278), (-0.001, -0.0013, -0.0844),
+            moves((0.005296, -0.002305, 0.024793), (0.000768, -0.001167, 0.011675), (-0.010817, 0.000625, 0.01583),
+                  (-0.00267, -0.001423, 0.039433), times=(0.2226, 0.5, 0.5, 0.2981), holds=(0.252, 0.171),
+                  shapes=("minimum-jerk", "linear", "linear", "minimum-jerk")),
+        ),
+        Finger(
+            (0.022368, 0.002464, 0.02469), (0.018, 0.001, -0.0996),
+            moves((0.019392, 0.001594, 0.014885), (0.013699, -7.2e-05, -0.003872), (0.014604, -0.00044, -0.000827),
+                  (0.01447, 0.000154, -0.001332), (0.022368, 0.002464, 0.02469), times=(0.2057, 0.5, 0.5, 0.5, 0.359),
+                  holds=(0.214, 0.171, 0.141), shapes=("minimum-jerk", "linear", "linear", "linear", "minimum-jerk")),
+        ),
+    ),
+)  # fmt: skip
+"""One finger slides over the top of an elastic ball that another one pushes aside."""
+
+
+def given(trace):
+    """Energy [J] that a finger puts into the tissue in each step, by the forces of the contact."""
+    force = trace["contact.force"][:, None] * trace["contact.normal"] + trace["contact.lateral_force"]
+    return -0.5 * np.einsum("ti,ti->t", force[1:] + force[:-1], np.diff(trace["finger.position"], axis=0))
+
+
+def test_a_slide_over_a_ball_that_another_finger_pushes_aside_generates_no_energy(tmp_path):
+    """The fingers got 6.2 of 33 mJ that went to and fro, as the force along the surface had the wrong sign: it lacked
+    the turn of the normal."""
+    work = np.concatenate([given(trace) for trace in traces_of([ROUND], tmp_path)])
+    assert np.abs(work).sum() > 25e-3
+    assert -0.002 < work.sum() / np.abs(work).sum() < 0.02
+
+
+RETURNED = Touch(
+    Setting("sphere", 5000, "BeamBundle", "", 1000.0, 2, width=0.02, more=("spread.radius=0.01",)),
+    (
+        Finger(
+            (-0.019344, 0.017355, 0.017188), (-0.0127, 0.0046, -0.0932),
+            moves((-0.015222, 0.013568, 0.013575), (-0.005023, 0.004199, 0.004636), (-0.006036, -0.008105, 0.016377),
+                  (-0.020357, 0.005051, 0.028928), times=(0.1054, 0.2607, 0.2695, 0.245), holds=(0.202, 0.106),
+                  shapes=("minimum-jerk",) * 4),
+        ),
+        Finger(
+            (-0.015646, -0.000122, 0.030639), (-0.0082, 0.001, -0.0981),
+            moves((-0.011932, 0.000451, 0.021318), (-0.000702, 0.002186, -0.006864), (-0.015646, -0.000122, 0.030639),
+                  times=(0.201, 0.5, 0.2716), holds=(0.206,), shapes=("minimum-jerk", "linear", "minimum-jerk")),
+        ),
+    ),
+)  # fmt: skip
+"""The beams return 7 mJ more than both fingers put in: their stiffness depends on the place."""
+
+
+def test_both_hands_together_get_no_energy_that_beams_generate(tmp_path):
+    """They got 4.6 mJ, as each hand may have the energy of the other one, and none knew how much that was."""
+    first, second = traces_of([RETURNED], tmp_path)
+    assert (given(first).sum() + given(second).sum()) < -5e-3
+    for trace in (first, second):
+        broken = {name: score for name, score in score_touch(trace).items() if score.broken}
+        assert not broken, broken
+
+
 def check_random(count, seed, folder):
     """Neither the force of the contact nor that on the hand jumps, and both have the force of their depth."""
     rng = np.random.default_rng(seed)

@@ -3,9 +3,11 @@
 import msgspec
 import numpy as np
 import pytest
+from pytest import approx
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Contacts, Proximity, Surface
+from palpate.messages.contact import Neighbour
 from palpate.nodes.base import InputError, SettingError
 from palpate.nodes.contact import Series
 from palpate.nodes.contact.joint import Joint, Share
@@ -109,6 +111,37 @@ def test_each_share_has_the_contact_of_its_finger():
         assert contact.lateral_force == tuple(solved.lateral_force[place].tolist())
     bare = msgspec.structs.replace(solved, stored=())
     assert FakeBus(Share(finger=1), proximity=near(1e-3)).publish(bare)[0].stored == ()
+
+
+def test_what_a_body_generates_is_sent_to_the_finger_that_gets_it():
+    """The body is twice as stiff when the second finger leaves as when it presses."""
+    joint, work, last = Joint(), 0.0, None
+    joint.start()
+    depths = [*np.linspace(0.0, 3e-3, 100), *np.linspace(3e-3, 0.0, 100)]
+    for k, depth in enumerate(depths):
+        factor = 1.0 if k < 100 else 2.0
+        laws = [[factor * 3e3, 1.5, 0.0, 0.0, 0.0]] * 2
+        solved = joint.step([near(0.2e-3, tick=k), near(depth, tick=k)], tissue(2, np.eye(2), laws=laws), dt=1e-3)
+        if last is not None:
+            work += 0.5 * (solved.force[1] + last[0]) * (depth - last[1])
+        last = solved.force[1], depth
+        assert solved.generated[0] == 0.0 and (k > 99 or solved.generated[1] == 0.0)
+    assert solved.generated[1] == approx(-work, rel=0.02) and work < -5e-5
+    solved = msgspec.structs.replace(solved, tick=-1, time=-1)
+    for place in (0, 1):
+        (contact,) = FakeBus(Share(finger=place), proximity=near(1e-3)).publish(solved)
+        assert contact.generated.tolist() == [solved.generated[place]]
+
+
+def test_where_another_organ_touches_the_body_no_energy_is_assigned():
+    side = Neighbour(force=0.0, yields=np.zeros((2, 2)), pressing=(0.0, 0.0), source="side")
+    bus = FakeBus(Joint(), body=tissue(3, np.eye(3)), neighbour=[side])
+    (solved,) = bus.publish([near(1e-3), near(2e-3)])
+    assert solved.generated == ()
+    (contact,) = FakeBus(Share(finger=1), proximity=near(1e-3)).publish(
+        msgspec.structs.replace(solved, tick=-1, time=-1)
+    )
+    assert len(contact.generated) == 0
 
 
 @pytest.mark.parametrize("place", [-1, 2])

@@ -399,6 +399,39 @@ def test_an_outage_permits_at_most_half_a_millijoule_of_generated_energy(energy,
     assert node.own["least"] == approx(least)
 
 
+def left(assigned, driven=1, times=60):
+    """Force [N] and energy [J] of a hand that tissue pushes out by 3 mm at 0.1 m/s, while it generates a share
+    `assigned` of the energy that the hand gets."""
+    b, generated, rows = bus(resolution=0.0, driven=driven), 0.0, []
+    for k in range(times):
+        z, force = 5e-5 * max(k - 1, 0), 2.0 * (1.0 - k / times)
+        generated += assigned * force * 5e-5
+        b.hold("pose", pose(z, 0.05))
+        sent = msgspec.structs.replace(contact(force, 5e-3), generated=np.array([generated]) if assigned else ())
+        out = b.publish(sent)[0]
+        rows.append((out.force[2], out.energy))
+    return np.array(rows).T
+
+
+def test_what_the_tissue_generates_counts_as_if_the_controller_had():
+    """Where another finger lifts this one it may have the energy; as far as no finger has put that in, it is damped as
+    where nothing else moves the tissue."""
+    free, energy = left(0.0)
+    assert energy.min() > -1e-5 and np.abs(free - 2.0 * (1.0 - np.arange(60) / 60)).max() < 0.05
+    part, half, most = (left(share)[0] for share in (0.25, 0.5, 1.0))
+    alone = left(0.0, driven=0)[0]
+    assert free[20:].sum() > part[20:].sum() + 1.0 > half[20:].sum() + 2.0 > most[20:].sum() + 3.0
+    assert most == approx(alone, abs=0.02)
+
+
+def test_the_generated_energy_of_a_contact_that_begins_again_is_not_counted_twice():
+    b = bus(driven=1)
+    for total in (0.0, 2e-3, 0.0, 1e-3, 1e-3):
+        b.publish(msgspec.structs.replace(contact(1.0, 1e-3), generated=np.array([total])))
+    b.publish(contact(1.0, 1e-3))
+    assert float(b.node.own["state"]["made"]) == approx(3e-3)
+
+
 @pytest.mark.parametrize("resolution", [0.0, 60e-6])
 def test_the_force_on_a_still_hand_is_at_most_what_contact_and_friction_give(resolution):
     """Under two fingers the tissue rises to meet the second one, so that its indentation is negative."""

@@ -275,8 +275,8 @@ def _response(i: int, dt: float, beams: Record, moving: Record, contacts: Record
                 soft = w * length * shares[a] / (moduli[a] + rate) / area
                 compliance += w * soft * face * max(face, 0.0)
                 whole += face * soft * push
-    # the law at the effective force; below the least force the response is extrapolated to it: along its chord, or where
-    # others act on a few of the beams, whose friction and limits say nothing of the rest, at the slope
+    # the law at the effective force; below the least force the response is extrapolated to it: along its chord, or
+    # where others act on a few of the beams, whose friction and limits are not those of the rest, at the slope
     compliance, lacks = max(compliance, LEAST_COMPLIANCE), 0.0
     if loaded:  # what friction takes from the indentation under the normal forces, and what the slope adds to it
         together = total + others / compliance

@@ -150,7 +150,8 @@ def under(model: step.CondensedModel, ground: Ground, fine: FineMesh, count: int
         contacts, np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros((count, 3)),
         np.eye(count), np.zeros((count, count)), np.zeros((count, 3)),
         np.zeros((several, several), KEPT_TYPE), joint_profile() if several else np.zeros(0),
-        np.zeros((4, several, size)), np.zeros((2 * several, size, 3)), np.zeros((size, 3), np.float32), np.zeros(3), np.zeros((3, 3)),
+        np.zeros((4, several, size)), np.zeros((2 * several, size, 3)), np.zeros((size, 3), np.float32), np.zeros(3),
+        np.zeros((3, 3)),
     )  # fmt: skip
 
 

@@ -48,8 +48,8 @@ force changes by at most 1/SUDDEN + MOST_ASIDE times the secant stiffness f/e, t
 
 
 class Ground(NamedTuple):
-    """The coarse surface; softness: logarithm of the linear organ's compliance under a patch round each vertex; holding:
-    tangential force that holds this patch under a unit normal force."""
+    """The coarse surface; softness: logarithm of the linear organ's compliance under a patch round each vertex;
+    holding: tangential force that holds this patch under a unit normal force."""
 
     normals: Annotated[np.ndarray, "<f8", 2]  # [1] (V,3)
     softness: Annotated[np.ndarray, "<f8", 1]  # [1] (V,)
