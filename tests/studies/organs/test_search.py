@@ -69,10 +69,11 @@ def test_touches_that_broke_an_invariant_break_none(touch, folder):
     """A viscous tissue responds to each kink of the gap and of the patch, and to friction: the nearest point on another
     side in the dimple; two fingers on nearly the same beams of the bumpy body; feet that leap over the edges of box,
     l-shape and groove; a fast finger at the rim of a plate and through a thin ring; a slide with friction round a ball;
-    a second finger under which the first one lifts the surface; two fingers that rub the same beams of a groove; a foot
-    inside a block from whose top the patch passes to a wall; a finger that leaves a plate or a ring and turns round; a
-    foot that leads the finger; the foot of the smooth surface, which is between two faces; a foot that stops where its
-    target leaps, on a rigid body with a viscous fingertip.
+    a second finger under which the first one lifts the surface; two fingers that rub the same beams of a groove; a
+    foot inside a block from whose top the patch passes to a wall; a finger that leaves a plate or a ring and turns
+    round; a foot that leads the finger; the foot of the smooth surface, which is between two faces; a foot that
+    stops where its target leaps, on a rigid body with a viscous fingertip; the corner of a block next to the bridge
+    over its groove; a foot that waits at a rim; two fingers on an elastic ball that one of them pushes aside.
     """
     results = Results()
     (found,) = run_touches([touch], folder, results)

@@ -10,19 +10,22 @@ normal, and delta grows by all of it; near a centre of curvature the nearest poi
 m, `EASY` times as far as the finger along the surface or at `FASTEST` (half of it on the mean, since each leap from
 triangle to triangle starts it again), and delta grows by the part 1 - m/2J of its turn. While the foot gains on the
 nearest point, by m - J but no faster than `FASTEST`, delta decreases by the smaller of 1/R and delta/LANDING per
-distance, since the foot arrives without stopping abruptly (`geometry.proxy`). Inside, at an approach e and a depth d,
-the normal turns by at most w/(e/6) (`SUDDEN`) and m/d, and delta grows by at least what this lacks. A finger that
-enters along the bisector of an edge is equally near to two faces, 90 degrees apart: the foot stays on its face until
-another is nearer by the hysteresis h (`nodes.collision`). So a foot that is farther by at most h also counts: with
-theta between both directions, the nearest point of the finger moved by h/(1 - cos theta) towards the foot is on its
-face; from there on delta is the angle between the faces, and does not decrease before a foot at its greatest speed,
-which loses `FASTEST` in `ARRIVES`, has stopped: it first stops on its way, then turns round. The foot of the smooth
-surface through a mesh is between two faces that are equally near, by h: with the angle of the normal alpha, the nearest
-point of the finger moved by h/alpha towards the foot is on the other face, and the normal is within 0.35 rad of the arc
-between both directions. A foot within 0.2 mm of the nearest point counts as there: over an edge of a coarse mesh the
-interpolated normal turns by 1 rad within this distance. A finger that comes out of the body past another face than that
-of its foot leaves with the approach that it had, which falls by the finger's motion (`geometry.proxy`): it may be
-greater by what it was then, less half of the motion that does not remove it from the surface.
+distance, since the foot arrives without stopping abruptly (`geometry.proxy`). A foot that still waits, as it is nearly
+as near as the nearest point, gains nothing on it. Inside, at an approach e and a depth d, the normal turns by at most
+w/(e/6) (`SUDDEN`) and m/d, and delta grows by at least what this lacks. A finger that enters along the bisector of an
+edge is equally near to two faces, 90 degrees apart: the foot stays on its face until another is nearer by the
+hysteresis h (`nodes.collision`). So a foot that is farther by at most h also counts: with theta between both
+directions, the nearest point of the finger moved by h/(1 - cos theta) towards the foot is on its face; from there on
+delta is the angle between the faces, and does not decrease before a foot at its greatest speed, which loses `FASTEST`
+in `ARRIVES`, has stopped: it first stops on its way, then turns round. The foot of the smooth surface through a mesh is
+between two faces that are equally near, by h: with the angle of the normal alpha, the nearest point of the finger moved
+by h/alpha towards the foot is on the other face, and the normal is within 0.35 rad of the arc between both directions.
+A foot within 0.2 mm of the nearest point counts as there, and so does one that is as near to the finger by 0.2 mm, as
+at the corner of a block next to the bridge over its groove: over an edge of a coarse mesh the interpolated normal turns
+by 1 rad within this distance, and that of the contact follows within 20 ms. A finger that comes out of the body past
+another face than that of its foot leaves with the approach that it had, which falls by the finger's motion
+(`geometry.proxy`): it may be greater by what it was then, less half of the motion that does not remove it from the
+surface.
 """
 
 from __future__ import annotations
@@ -39,7 +42,7 @@ BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
 NEAR = 2e-4  # [m] from the surface beyond which an edge is recognized by this direction
 MOVES = EASY  # [1] motion of the nearest point over that of the finger
-CLOSE = 2e-4  # [m] from the nearest point: a foot that is nearer counts as at it
+CLOSE = 2e-4  # [m] from the nearest point, or farther from the finger: a foot that is nearer counts as at it
 PART = 1.5e-4  # [m] of the finger's motion between looks for a leap of the nearest point
 EVERY, LONGER = 4e-3, 20e-3  # [s] between comparisons with the nearest point, and of its leaps
 
@@ -66,6 +69,28 @@ def _on_other_face(trace: Trace, tick: int, away: np.ndarray, gap: float) -> flo
     if abs(left[0]) <= ON:
         return np.inf
     return _between((place - there[0]) / left[0], trace["contact.normal"][tick])
+
+
+def _waits(trace: Trace, before: int, tick: int, gap: float) -> bool:
+    """Whether the foot has not moved between two ticks, and is nearly as near to the finger as the surface."""
+    foot, last = trace["collision.foot"][[tick, before]]
+    far = float(length(trace["finger.position"][tick] - foot))
+    return bool(length(foot - last) <= ON) and far <= abs(gap) + CLOSE
+
+
+def _at_foot(trace: Trace, tick: int, nearest: np.ndarray, away: np.ndarray, gap: float) -> float:
+    """Angle [rad] of the normal to the arc between the interpolated normal at the foot, now or 10 or 20 ms ago, and the
+    direction from there; inf if the foot is neither close to the nearest point nor about as near to the finger.
+    Arguments as of `_between_faces`."""
+    p, foot = trace["finger.position"][tick], trace["collision.foot"][tick]
+    far = float(length(p - foot))
+    if float(length(foot - nearest)) > CLOSE:
+        if far > abs(gap) + CLOSE:
+            return np.inf
+        away = np.sign(gap) * (p - foot) / max(far, ON)
+    ticks = [tick, *(max(tick - trace.ticks(part * LONGER), 0) for part in (0.5, 1.0))]
+    normals = trace.closest(trace["collision.foot"][ticks] + ON * away)[1]
+    return min(_from_arc(trace, normal, away, tick) for normal in normals)
 
 
 def _between_faces(trace: Trace, tick: int, nearest: np.ndarray, away: np.ndarray, gap: float, angle: float) -> float:
@@ -132,7 +157,8 @@ def side(trace: Trace) -> Score:
             least = behind + turn - turns
             if turn <= w / LEAST_CURVATURE:
                 turn = max(turn * (1.0 - 0.5 * most / max(jump[i - 1], ON)), turn - turns, 0.0)
-            gains = min(max(most - jump[i - 1], 0.0), FASTEST * EVERY) if stops <= 0.0 else 0.0
+            waits = stops > 0.0 or _waits(trace, int(ticks[i - 1]), int(k), float(gap[i]))
+            gains = 0.0 if waits else min(max(most - jump[i - 1], 0.0), FASTEST * EVERY)
             behind, stops = max(_behind(behind + turn, gains), least), stops - EVERY
             lost = max(lost - REGAIN * w, 0.0)
             leaves = max(leaves - 0.5 * max(w - max(float(gap[i] - gap[i - 1]), 0.0), 0.0), 0.0)
@@ -160,9 +186,8 @@ def side(trace: Trace) -> Score:
             angle = _between(away[i], trace["contact.normal"][k])
             if edge:  # how far it is from the arc between this direction and the interpolated normal
                 angle = _from_arc(trace, normal[i], away[i], int(k))
-            there = trace["collision.foot"][k]
-            if angle > STEEPEST and length(there - foot[i]) <= CLOSE:
-                angle = min(angle, _from_arc(trace, trace.closest(there[None] + ON * away[i])[1][0], away[i], int(k)))
+            if angle > STEEPEST:
+                angle = min(angle, _at_foot(trace, int(k), foot[i], away[i], float(gap[i])))
             if angle > STEEPEST and (other := _on_other_face(trace, int(k), away[i], float(gap[i]))) < angle:
                 angle, behind = other, max(behind, angle)
                 stops = ARRIVES * max(EASY * motion[max(i - 1, 0)], FASTEST * EVERY) / (FASTEST * EVERY)
