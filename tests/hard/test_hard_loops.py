@@ -82,6 +82,7 @@ def test_a_deep_press_of_the_sampled_fingertip():
 
 
 @pytest.mark.parametrize("body", [b if b == "MassSpring" else pytest.param(b, marks=pytest.mark.long) for b in BODIES])
+@pytest.mark.notes("keep each other apart")
 def test_two_fingers_close_on_each_other(body):
     """Both press into the same tissue and move towards each other until 2 mm are left between them."""
 
