@@ -123,7 +123,7 @@ class Joint(Series):
         "force": (ROOM,), "solved": (ROOM, 3), "lateral": TABLE,
         "laws": TABLE, "others": (ROOM,), "yields": TABLE, "pressing": (ROOM,),  # of the body; of its neighbours
         "nearest": NEAREST,
-        "ends": (ROOM, END), "given": (ROOM,), "held": (), "generated": (ROOM,),  # [J] of `physics.contact.pool`
+        "ends": (ROOM, END), "given": (ROOM,), "returned": (ROOM,), "held": (), "generated": (ROOM,),  # [J] of `pool`
     }  # fmt: skip
 
     def start(self) -> None:
@@ -218,7 +218,9 @@ class Joint(Series):
             lateral[i, 0], lateral[i, 1], lateral[i, 2] = along
             end, near = own.ends[i], own.seen[i]
             end.known = end.known and not near.missing
-            own.given[i] = energy_given(end, out.force.values[i], near.gap, along, vector(near.slip), own.moved[i])
+            own.given[i], own.returned[i] = energy_given(
+                end, out.force.values[i], near.gap, along, vector(near.slip), one.withheld, own.moved[i]
+            )
             most += out.force.values[i] * (one.compression + max(out.indentation.values[i], 0.0))
             if own.energy:
                 out.stored.values[i] = series_energy(
@@ -229,7 +231,7 @@ class Joint(Series):
         out.stored.count = count if own.energy else 0
         out.generated.count = 0
         if neighbour.count == 0:
-            own.held = assign_generated(own.held, own.given[:count], most, own.generated[:count])
+            own.held = assign_generated(own.held, own.given[:count], own.returned[:count], most, own.generated[:count])
             out.generated.count = count
             for i in range(count):
                 out.generated.values[i] = own.generated[i]
