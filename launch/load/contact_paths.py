@@ -68,6 +68,19 @@ def unlike_surfaces(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterat
                 )
 
 
+def shares_without_body(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterator[str]:
+    """A note for each share of a joint that does not receive the body of its joint."""
+    wires = [wire for wire in wires if wire.consumer in nodes]
+    bodies = {wire.consumer: wire.producer for wire in wires if issubclass(wire.port.type, Surface)}
+    for wire in wires:
+        body = bodies.get(wire.producer)
+        if issubclass(wire.port.type, Contacts) and body is not None and bodies.get(wire.consumer) != body:
+            yield (
+                f"{wire.consumer} does not have the `body` of {wire.producer}: after lost messages of {body} its force "
+                f"returns faster, and may push the hand: `{wire.consumer}: {{in: {{body: {body}}}}}`"
+            )
+
+
 class ContactPaths:
     """The contacts of a graph: nodes that send Contact and read a Proximity or Surface. Carriers are skipped: their
     messages count as those of the original sender.

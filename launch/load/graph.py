@@ -24,7 +24,12 @@ from palpate.launch.load.checks.overlapping import overlaps
 from palpate.launch.load.checks.several_organs import share_organs
 from palpate.launch.load.checks.touching import place_bodies
 from palpate.launch.load.classes import ClassError, body, find_class
-from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_surfaces
+from palpate.launch.load.contact_paths import (
+    ContactPaths,
+    check_divisors,
+    shares_without_body,
+    unlike_surfaces,
+)
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import choose_effects as chosen_effects
@@ -268,6 +273,7 @@ def value_notes(nodes: dict[str, NodeSpec], rate: float) -> Iterator[str]:
     may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
     connections = list(wires_of(may))
     yield from unlike_surfaces(may, connections)
+    yield from shares_without_body(may, connections)
     yield from unknown_delays(may, connections, rate)
     yield from unlike_delays(may, connections, rate)
     yield from restless(may, connections, rate)

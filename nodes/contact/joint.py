@@ -267,7 +267,8 @@ class Share(CompiledNode):
     finger  its index at the joint, from 0; -1: determined when the graph is loaded
 
     While `proximity` is missing, the contact stays at its last place: the joint lifts the finger off there, and the
-    body must feel that.
+    body must feel that. Nothing is computed from `body`: it shows the controller that the joint lacks the body, so that
+    the force returns as after an outage, as with `Series`.
     """
 
     finger: Annotated[int, "1", msgspec.Meta(ge=-1, lt=ROOM)] = -1
@@ -281,7 +282,12 @@ class Share(CompiledNode):
 
     @kernel
     def compute(
-        own, contacts: Contacts, proximity: Annotated[Proximity | None, Wants("foot", "normal")], out: Out[Contact], dt
+        own,
+        contacts: Contacts,
+        proximity: Annotated[Proximity | None, Wants("foot", "normal")],
+        body: Annotated[Surface | None, Wants("step")],
+        out: Out[Contact],
+        dt,
     ):
         i = own.finger
         if not 0 <= i < contacts.force.count:

@@ -77,6 +77,14 @@ def test_random_faults_break_nothing_under_two_fingers(touched_by_two):
         assert not any(score.broken for score in found.values()), found
 
 
+@pytest.mark.parametrize("seed", [305, *(pytest.param(each, marks=pytest.mark.long) for each in (177, 200))])
+def test_a_force_under_two_fingers_returns_as_after_an_outage_when_the_tissue_does(seed):
+    """The controllers did not know that the joint had lacked the tissue. In seed 177 a hand that had gone in by 11 mm
+    without a force was pushed out with 9 mJ; in the others a force returned while a node of its path was away."""
+    results = search(seed, 1, fingers=2)
+    assert not results.broken.total(), results
+
+
 def test_what_the_second_hand_feels_is_judged(touched_by_two, monkeypatch):
     """Its controller stops, and its device holds the last torque; the first hand is not concerned."""
     touch, run, base = touched_by_two

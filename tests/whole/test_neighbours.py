@@ -192,8 +192,8 @@ nodes:
   collision-3: {use: collision.Nurbs, in: {pose: finger-3}, with: [$surface, $finger]}
   joint:       {use: contact.Joint, in: {proximity: [collision, collision-2], body: liver, neighbour: [side-liver]},
                 with: $finger}
-  contact:     {use: contact.Share, in: {contacts: joint, proximity: collision}}
-  contact-2:   {use: contact.Share, in: {contacts: joint, proximity: collision-2}}
+  contact:     {use: contact.Share, in: {contacts: joint, proximity: collision, body: liver}}
+  contact-2:   {use: contact.Share, in: {contacts: joint, proximity: collision-2, body: liver}}
   contact-3:   {use: contact.Backed, in: {proximity: collision-3, body: kidney, neighbour: [side-kidney]},
                 with: $finger}
   friction-2:  {use: friction.LuGre, in: {contact: contact-2, proximity: collision-2}, with: $sliding}

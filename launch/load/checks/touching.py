@@ -164,9 +164,10 @@ def _check_loads(
 def _check_fingers(body: str, sides: list[str], nodes: dict[str, NodeSpec], wires: list[Wire], faults: Faults) -> None:
     """A fault for each contact of fingers with a body that does not feel all organs that touch it, by `sides`."""
     for wire in wires:
-        if wire.producer != body or not set(outputs(nodes[wire.consumer].cls)) & {Contact, Contacts}:
-            continue
         reader = nodes[wire.consumer]
+        solves = set(outputs(reader.cls)) & {Contact, Contacts}
+        if wire.producer != body or not solves or any(port.type is Contacts for port in inputs(reader.cls)):
+            continue  # the share of a joint reads what that solves
         felt = [w.producer for w in wires if w.consumer == wire.consumer and issubclass(w.port.type, Neighbour)]
         if felt == sides:
             continue

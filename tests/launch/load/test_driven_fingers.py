@@ -72,3 +72,12 @@ def test_fingers_on_organs_that_do_not_touch_are_alone(tmp_path):
 def test_a_given_value_stays():
     assert driven("kidney", overrides=["controller.driven=1"]) == [1]
     assert driven("pinch", overrides=["controller-thumb.driven=0"]) == [0, 1]
+
+
+@pytest.mark.parametrize(("given", "noted"), [("tissue", False), ("null", True)])
+def test_a_share_that_does_not_receive_the_body_of_its_joint_is_noted(given, noted):
+    """Without it the controller cannot know that the joint lacked the body for a while."""
+    notes = load("palpate-two", overrides=[f"contact-2.in.body={given}"]).notes
+    found = [note for note in notes if note.startswith("contact-2 does not have the `body` of joint")]
+    assert len(found) == noted and all("`contact-2: {in: {body: tissue}}`" in note for note in found)
+    assert not any(note.startswith("contact-1 ") for note in notes)
