@@ -58,7 +58,8 @@ class Contact(Sparse):
                                  have if it were on this organ; the other fields are those of its share. Else h = 0, and
                                  it is omitted on the wire
     generated         [J]   (g)  energy that the body has generated since the start, as far as this finger got it, where
-                                 several fingers press and nothing else moves it: g = 1. Else g = 0, and omitted
+                                 several fingers are solved for and no other body touches it: g = 1. Else g = 0, and
+                                 omitted
     """
 
     foot: Annotated[Vector3, "m"]

@@ -68,19 +68,6 @@ def unlike_surfaces(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterat
                 )
 
 
-def shares_without_body(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterator[str]:
-    """A note for each share of a joint that does not receive the body of its joint."""
-    wires = [wire for wire in wires if wire.consumer in nodes]
-    bodies = {wire.consumer: wire.producer for wire in wires if issubclass(wire.port.type, Surface)}
-    for wire in wires:
-        body = bodies.get(wire.producer)
-        if issubclass(wire.port.type, Contacts) and body is not None and bodies.get(wire.consumer) != body:
-            yield (
-                f"{wire.consumer} does not have the `body` of {wire.producer}: after lost messages of {body} its force "
-                f"returns faster, and may push the hand: `{wire.consumer}: {{in: {{body: {body}}}}}`"
-            )
-
-
 class ContactPaths:
     """The contacts of a graph: nodes that send Contact and read a Proximity or Surface. Carriers are skipped: their
     messages count as those of the original sender.
@@ -303,6 +290,19 @@ class ContactPaths:
         cls = self.classes[name]
         near = any(issubclass(p.type, Proximity | Surface) for p in inputs(cls))
         return near and any(issubclass(m, Contact) for m in outputs(cls))
+
+
+def shares_without_body(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterator[str]:
+    """A note for each share of a joint that does not receive the body of its joint."""
+    wires = ContactPaths({name: spec.cls for name, spec in nodes.items()}, wires).wires
+    bodies = {wire.consumer: wire.producer for wire in wires if issubclass(wire.port.type, Surface)}
+    for wire in wires:
+        body = bodies.get(wire.producer)
+        if issubclass(wire.port.type, Contacts) and body is not None and bodies.get(wire.consumer) != body:
+            yield (
+                f"{wire.consumer} does not have the `body` of {wire.producer}: after lost messages of {body} its force "
+                f"returns faster, and may push the hand: `{wire.consumer}: {{in: {{body: {body}}}}}`"
+            )
 
 
 def _and(names: Iterable[str]) -> str:

@@ -217,10 +217,10 @@ class Joint(Series):
             out.compression.values[i], out.compression_rate.values[i] = one.compression, rate
             lateral[i, 0], lateral[i, 1], lateral[i, 2] = along
             end, near = own.ends[i], own.seen[i]
-            end.known = end.known and not near.missing
             own.given[i], own.returned[i] = energy_given(
                 end, out.force.values[i], near.gap, along, vector(near.slip), one.withheld, own.moved[i]
             )
+            end.known = not near.missing
             most += out.force.values[i] * (one.compression + max(out.indentation.values[i], 0.0))
             if own.energy:
                 out.stored.values[i] = series_energy(

@@ -133,6 +133,17 @@ def test_what_a_body_generates_is_sent_to_the_finger_that_gets_it():
         assert contact.generated.tolist() == [solved.generated[place]]
 
 
+def test_a_finger_that_was_missing_has_put_in_nothing_until_it_moves_again():
+    """It moves by 5 mm unseen, while the other one presses: the place where it returns is no work."""
+    joint, laws = Joint(), np.eye(2)
+    joint.start()
+    for k in range(200):
+        first = near(2e-3 if k < 50 else 7e-3, tick=k)
+        joint.step([None if 50 <= k < 60 else first, near(1e-3, tick=k)], tissue(2, laws), dt=1e-3)
+        if k == 60:
+            assert not joint.own["given"][0] and not joint.own["returned"][0] and joint.own["ends"][0]["known"]
+
+
 def test_where_another_organ_touches_the_body_no_energy_is_assigned():
     side = Neighbour(force=0.0, yields=np.zeros((2, 2)), pressing=(0.0, 0.0), source="side")
     bus = FakeBus(Joint(), body=tissue(3, np.eye(3)), neighbour=[side])

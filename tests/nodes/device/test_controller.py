@@ -432,6 +432,31 @@ def test_the_generated_energy_of_a_contact_that_begins_again_is_not_counted_twic
     assert float(b.node.own["state"]["made"]) == approx(3e-3)
 
 
+def test_generated_energy_that_is_not_a_number_is_not_counted():
+    b = bus(driven=1)
+    for total in (0.0, np.nan, 1e-3, np.nan, 3e-3):
+        b.publish(msgspec.structs.replace(contact(1.0, 1e-3), generated=np.array([total])))
+    assert float(b.node.own["state"]["made"]) == approx(3e-3)
+
+
+def test_what_the_tissue_generated_before_or_during_an_outage_does_not_count():
+    """A controller that was restarted, or lacked its contact, took the whole history as a debt of the hand, which lost
+    2 N for 50 ms as soon as another finger lifted it."""
+    given = msgspec.structs.replace(contact(1.0, 1e-3), generated=np.array([5e-3]))
+    b = bus(driven=1)
+    b.node.replaces()
+    for _ in range(5):
+        b.publish(given)
+    assert float(b.node.own["state"]["made"]) == approx(0.0, abs=1e-4)
+    b.hold("pose", None)
+    b.publish(given)
+    b.hold("pose", pose())
+    b.publish(msgspec.structs.replace(given, generated=np.array([9e-3])))
+    assert float(b.node.own["state"]["made"]) == approx(0.0, abs=1e-4)
+    b.publish(msgspec.structs.replace(given, generated=np.array([10e-3])))
+    assert float(b.node.own["state"]["made"]) == approx(1e-3, abs=1e-4)
+
+
 @pytest.mark.parametrize("resolution", [0.0, 60e-6])
 def test_the_force_on_a_still_hand_is_at_most_what_contact_and_friction_give(resolution):
     """Under two fingers the tissue rises to meet the second one, so that its indentation is negative."""

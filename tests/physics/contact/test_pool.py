@@ -104,7 +104,17 @@ def test_a_depth_that_is_withheld_takes_energy_away():
     generated = np.zeros(2)
     assert assign_generated(2e-3, NONE, np.array([-0.5e-3, 0.0]), LARGE, generated) == approx(1.5e-3)
     assert assign_generated(0.1e-3, NONE, np.array([-0.5e-3, 0.0]), LARGE, generated) == 0.0
-    assert generated.tolist() == [0.0, 0.0]
+    assert assign_generated(0.1e-3, np.array([0.0, -1e-12]), np.array([-0.5e-3, 0.0]), LARGE, generated) == 0.0
+    assert generated.tolist() == [0.0, approx(1e-12)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_finger_is_assigned_more_than_it_got(seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(2000):
+        given, returned, generated = rng.normal(size=3), rng.normal(size=3) * rng.integers(2), np.zeros(3)
+        assign_generated(abs(rng.normal()), given, returned, LARGE, generated)
+        assert (generated <= np.maximum(-given, 0.0) + np.maximum(returned, 0.0) + 1e-12).all()
 
 
 def test_the_force_along_the_surface_does_work_with_the_motion_there():

@@ -282,7 +282,8 @@ def _response(i: int, dt: float, beams: Record, moving: Record, contacts: Record
         together = total + others / compliance
         if total < LARGEST_FORCE:
             lacks = max(compliance * together - whole, 0.0) + contacts.rubbed[i] * together
-        compliance = max(compliance, whole / together if total > 0.0 else 0.0) + contacts.rubbed[i]
+        presses = min(total / LEAST_FORCE, 1.0) if others > 0.0 else 1.0
+        compliance = max(compliance, presses * (whole / together)) + contacts.rubbed[i]
     acting = total + others / compliance
     least = max(acting, LEAST_FORCE)
     if loaded and acting < least:

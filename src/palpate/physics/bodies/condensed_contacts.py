@@ -30,7 +30,8 @@ one scales the coupling: c_ij sqrt(tau_i tau_j) is symmetric and positive, so th
 contacts at the same place equal one with both forces.
 
 The tangential energy gradient at contact i is that of `physics.bodies.place_energy` plus f_i times the gradient of a_ij
-along the surface, which attracts a finger to another's indentation. With the displacement u by contact j and the forces
+along the surface, which attracts a finger to another's indentation (exact while contact j bears its load: what is left
+of the forces that held a former patch is in a_ij only). With the displacement u by contact j and the forces
 that hold its patch, it has two parts,
 
     sum over v of dg_i,v/dp (n_i + t_i).u_v + (dn_i/dp + dt_i/dp).u_i,    u_i = sum over v of g_i,v u_v

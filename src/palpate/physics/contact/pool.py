@@ -17,6 +17,8 @@ forces f_i, with the compressions s1 and indentations s2, is at most sum f_i (s1
 at most `SLACK` times that, also since viscous tissue still returns energy with less than its force at rest.
 """
 
+import math
+
 from palpate.compiler.kernel import ieee_kernel
 from palpate.compiler.records import put, vector
 from palpate.physics.arrays import Array, Record, Vector3
@@ -31,7 +33,7 @@ END = {"known": bool, "force": (), "gap": (), "lateral": (3,), "withheld": ()}
 def energy_given(end: Record, force: float, gap: float, lateral: Vector3, slip: Vector3, withheld: float, dt: float):
     """Energies [J] that a finger has put into the body in the step of dt [s] to this force [N], gap [m], lateral force
     [N] (3) and withheld depth [m], at a velocity `slip` [m/s] (3) along the surface, and that a returning depth has put
-    in; 0 in the first step. Updates `end`, an `END`."""
+    in; 0 in the first step, and for numbers that are not finite. Updates `end`, an `END`."""
     given = returned = 0.0
     if end.known:
         before = end.lateral
@@ -40,6 +42,8 @@ def energy_given(end: Record, force: float, gap: float, lateral: Vector3, slip: 
             along += 0.5 * (before[i] + lateral[i]) * slip[i]
         mean = 0.5 * (end.force + force)
         given, returned = -(mean * (gap - end.gap) + along * dt), mean * (end.withheld - withheld)
+        if not abs(given) + abs(returned) < math.inf:
+            given = returned = 0.0
     end.known, end.force, end.gap, end.withheld = True, force, gap, withheld
     put(end.lateral, vector(lateral))
     return given, returned
@@ -57,9 +61,12 @@ def assign_generated(held: float, given: Array, returned: Array, most: float, ge
     """
     got = 0.0
     for i in range(len(given)):
-        held += given[i] + returned[i]
-        got += max(-given[i], 0.0)
+        held += returned[i]
         generated[i] += max(returned[i], 0.0)
+    held = max(held, 0.0)  # a depth that is withheld loses energy, which no finger gets
+    for i in range(len(given)):
+        held += given[i]
+        got += max(-given[i], 0.0)
     if held < 0.0 and got > 0.0:
         for i in range(len(given)):
             generated[i] -= held * (max(-given[i], 0.0) / got)

@@ -10,22 +10,21 @@ normal, and delta grows by all of it; near a centre of curvature the nearest poi
 m, `EASY` times as far as the finger along the surface or at `FASTEST` (half of it on the mean, since each leap from
 triangle to triangle starts it again), and delta grows by the part 1 - m/2J of its turn. While the foot gains on the
 nearest point, by m - J but no faster than `FASTEST`, delta decreases by the smaller of 1/R and delta/LANDING per
-distance, since the foot arrives without stopping abruptly (`geometry.proxy`). A foot that still waits, as it is nearly
-as near as the nearest point, gains nothing on it. Inside, at an approach e and a depth d, the normal turns by at most
-w/(e/6) (`SUDDEN`) and m/d, and delta grows by at least what this lacks. A finger that enters along the bisector of an
-edge is equally near to two faces, 90 degrees apart: the foot stays on its face until another is nearer by the
-hysteresis h (`nodes.collision`). So a foot that is farther by at most h also counts: with theta between both
+distance, since the foot arrives without stopping abruptly (`geometry.proxy`). A foot that still waits, as it is farther
+from the finger by at most the hysteresis, gains nothing on it. Inside, at an approach e and a depth d, the normal turns
+by at most w/(e/6) (`SUDDEN`) and m/d, and delta grows by at least what this lacks. A finger that enters along the
+bisector of an edge is equally near to two faces, 90 degrees apart: the foot stays on its face until another is nearer
+by the hysteresis h (`nodes.collision`). So a foot that is farther by at most h also counts: with theta between both
 directions, the nearest point of the finger moved by h/(1 - cos theta) towards the foot is on its face; from there on
 delta is the angle between the faces, and does not decrease before a foot at its greatest speed, which loses `FASTEST`
 in `ARRIVES`, has stopped: it first stops on its way, then turns round. The foot of the smooth surface through a mesh is
 between two faces that are equally near, by h: with the angle of the normal alpha, the nearest point of the finger moved
 by h/alpha towards the foot is on the other face, and the normal is within 0.35 rad of the arc between both directions.
-A foot within 0.2 mm of the nearest point counts as there, and so does one that is as near to the finger by 0.2 mm, as
-at the corner of a block next to the bridge over its groove: over an edge of a coarse mesh the interpolated normal turns
-by 1 rad within this distance, and that of the contact follows within 20 ms. A finger that comes out of the body past
-another face than that of its foot leaves with the approach that it had, which falls by the finger's motion
-(`geometry.proxy`): it may be greater by what it was then, less half of the motion that does not remove it from the
-surface.
+A foot within 0.2 mm of the nearest point counts as there, and so does one that is as near to the finger by h, as at the
+corner of a block next to the bridge over its groove: over an edge of a coarse mesh the interpolated normal turns by 1
+rad within this distance, and that of the contact follows within 20 ms. A finger that comes out of the body past another
+face than that of its foot leaves with the approach that it had, which falls by the finger's motion (`geometry.proxy`):
+it may be greater by what it was then, less half of the motion that does not remove it from the surface.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
 NEAR = 2e-4  # [m] from the surface beyond which an edge is recognized by this direction
 MOVES = EASY  # [1] motion of the nearest point over that of the finger
-CLOSE = 2e-4  # [m] from the nearest point, or farther from the finger: a foot that is nearer counts as at it
+CLOSE = 2e-4  # [m] from the nearest point: a foot that is nearer counts as at it
 PART = 1.5e-4  # [m] of the finger's motion between looks for a leap of the nearest point
 EVERY, LONGER = 4e-3, 20e-3  # [s] between comparisons with the nearest point, and of its leaps
 
@@ -72,10 +71,11 @@ def _on_other_face(trace: Trace, tick: int, away: np.ndarray, gap: float) -> flo
 
 
 def _waits(trace: Trace, before: int, tick: int, gap: float) -> bool:
-    """Whether the foot has not moved between two ticks, and is nearly as near to the finger as the surface."""
+    """Whether the foot has not moved between two ticks, and is farther from the finger than the surface, but by no more
+    than the hysteresis."""
     foot, last = trace["collision.foot"][[tick, before]]
-    far = float(length(trace["finger.position"][tick] - foot))
-    return bool(length(foot - last) <= ON) and far <= abs(gap) + CLOSE
+    farther = float(length(trace["finger.position"][tick] - foot)) - abs(gap)
+    return bool(length(foot - last) <= ON and ON < farther <= float(trace.nodes["collision"]["hysteresis"]))
 
 
 def _at_foot(trace: Trace, tick: int, nearest: np.ndarray, away: np.ndarray, gap: float) -> float:
@@ -83,9 +83,9 @@ def _at_foot(trace: Trace, tick: int, nearest: np.ndarray, away: np.ndarray, gap
     direction from there; inf if the foot is neither close to the nearest point nor about as near to the finger.
     Arguments as of `_between_faces`."""
     p, foot = trace["finger.position"][tick], trace["collision.foot"][tick]
-    far = float(length(p - foot))
+    far, hysteresis = float(length(p - foot)), float(trace.nodes["collision"]["hysteresis"])
     if float(length(foot - nearest)) > CLOSE:
-        if far > abs(gap) + CLOSE:
+        if far > abs(gap) + hysteresis:
             return np.inf
         away = np.sign(gap) * (p - foot) / max(far, ON)
     ticks = [tick, *(max(tick - trace.ticks(part * LONGER), 0) for part in (0.5, 1.0))]
