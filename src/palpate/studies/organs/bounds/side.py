@@ -20,11 +20,12 @@ delta is the angle between the faces, and does not decrease before a foot at its
 in `ARRIVES`, has stopped: it first stops on its way, then turns round. The foot of the smooth surface through a mesh is
 between two faces that are equally near, by h: with the angle of the normal alpha, the nearest point of the finger moved
 by h/alpha towards the foot is on the other face, and the normal is within 0.35 rad of the arc between both directions.
-A foot within 0.2 mm of the nearest point counts as there, and so does one that is as near to the finger by h, as at the
-corner of a block next to the bridge over its groove: over an edge of a coarse mesh the interpolated normal turns by 1
-rad within this distance, and that of the contact follows within 20 ms. A finger that comes out of the body past another
-face than that of its foot leaves with the approach that it had, which falls by the finger's motion (`geometry.proxy`):
-it may be greater by what it was then, less half of the motion that does not remove it from the surface.
+A foot within 0.2 mm of the nearest point counts as there: over an edge of a coarse mesh the interpolated normal turns
+by 1 rad within this distance. At the corner of a block next to the bridge over its groove a foot is as near to the
+finger as the bridge, by h: its normal is within 0.35 rad of the arc between the interpolated normal there, or where it
+was up to 20 ms ago, and the direction from it. A finger that comes out of the body past another face than that of its
+foot leaves with the approach that it had, which falls by the finger's motion (`geometry.proxy`): it may be greater by
+what it was then, less half of the motion that does not remove it from the surface.
 """
 
 from __future__ import annotations
@@ -78,16 +79,17 @@ def _waits(trace: Trace, before: int, tick: int, gap: float) -> bool:
     return bool(length(foot - last) <= ON and ON < farther <= float(trace.nodes["collision"]["hysteresis"]))
 
 
-def _at_foot(trace: Trace, tick: int, nearest: np.ndarray, away: np.ndarray, gap: float) -> float:
+def _at_foot(trace: Trace, tick: int, gap: float) -> float:
     """Angle [rad] of the normal to the arc between the interpolated normal at the foot, now or 10 or 20 ms ago, and the
-    direction from there; inf if the foot is neither close to the nearest point nor about as near to the finger.
-    Arguments as of `_between_faces`."""
+    direction from there; inf if the foot is farther from the finger than the surface by more than the hysteresis.
+
+    gap  [m] signed distance of the nearest point
+    """
     p, foot = trace["finger.position"][tick], trace["collision.foot"][tick]
     far, hysteresis = float(length(p - foot)), float(trace.nodes["collision"]["hysteresis"])
-    if float(length(foot - nearest)) > CLOSE:
-        if far > abs(gap) + hysteresis:
-            return np.inf
-        away = np.sign(gap) * (p - foot) / max(far, ON)
+    if far > abs(gap) + hysteresis:
+        return np.inf
+    away = np.sign(gap) * (p - foot) / max(far, ON)
     ticks = [tick, *(max(tick - trace.ticks(part * LONGER), 0) for part in (0.5, 1.0))]
     normals = trace.closest(trace["collision.foot"][ticks] + ON * away)[1]
     return min(_from_arc(trace, normal, away, tick) for normal in normals)
@@ -186,13 +188,16 @@ def side(trace: Trace) -> Score:
             angle = _between(away[i], trace["contact.normal"][k])
             if edge:  # how far it is from the arc between this direction and the interpolated normal
                 angle = _from_arc(trace, normal[i], away[i], int(k))
-            if angle > STEEPEST:
-                angle = min(angle, _at_foot(trace, int(k), foot[i], away[i], float(gap[i])))
+            there = trace["collision.foot"][k]
+            if angle > STEEPEST and length(there - foot[i]) <= CLOSE:
+                angle = min(angle, _from_arc(trace, trace.closest(there[None] + ON * away[i])[1][0], away[i], int(k)))
             if angle > STEEPEST and (other := _on_other_face(trace, int(k), away[i], float(gap[i]))) < angle:
                 angle, behind = other, max(behind, angle)
                 stops = ARRIVES * max(EASY * motion[max(i - 1, 0)], FASTEST * EVERY) / (FASTEST * EVERY)
             if angle > STEEPEST:
                 angle = min(angle, _between_faces(trace, int(k), foot[i], away[i], float(gap[i]), angle))
+            if angle > STEEPEST + behind:
+                angle = min(angle, _at_foot(trace, int(k), float(gap[i])))
             most = STEEPEST + behind
             found = max(found, Score(angle / most, k * trace.step, angle, most), key=lambda s: s.score)
     return found
