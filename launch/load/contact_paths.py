@@ -294,7 +294,9 @@ class ContactPaths:
 
 def shares_without_body(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterator[str]:
     """A note for each share of a joint that does not receive the body of its joint."""
-    wires = ContactPaths({name: spec.cls for name, spec in nodes.items()}, wires).wires
+    wires = list(wires)
+    if any(issubclass(wire.port.type, Contacts) for wire in wires):
+        wires = ContactPaths({name: spec.cls for name, spec in nodes.items()}, wires).wires
     bodies = {wire.consumer: wire.producer for wire in wires if issubclass(wire.port.type, Surface)}
     for wire in wires:
         body = bodies.get(wire.producer)
