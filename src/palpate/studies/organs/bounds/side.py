@@ -22,10 +22,10 @@ between two faces that are equally near, by h: with the angle of the normal alph
 by h/alpha towards the foot is on the other face, and the normal is within 0.35 rad of the arc between both directions.
 A foot within 0.2 mm of the nearest point counts as there: over an edge of a coarse mesh the interpolated normal turns
 by 1 rad within this distance. At the corner of a block next to the bridge over its groove a foot is as near to the
-finger as the bridge, by h: its normal is within 0.35 rad of the arc between the interpolated normal there, or where it
-was up to 20 ms ago, and the direction from it. A finger that comes out of the body past another face than that of its
-foot leaves with the approach that it had, which falls by the finger's motion (`geometry.proxy`): it may be greater by
-what it was then, less half of the motion that does not remove it from the surface.
+finger as the bridge, by 0.2 mm: its normal is within 0.35 rad of the arc between the interpolated normal there, or
+where it was up to 20 ms ago, and the direction from it. A finger that comes out of the body past another face than that
+of its foot leaves with the approach that it had, which falls by the finger's motion (`geometry.proxy`): it may be
+greater by what it was then, less half of the motion that does not remove it from the surface.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ BENT = 0.2
 """[rad] Near an edge the interpolated normals of a mesh differ by more from the direction to the nearest point."""
 NEAR = 2e-4  # [m] from the surface beyond which an edge is recognized by this direction
 MOVES = EASY  # [1] motion of the nearest point over that of the finger
-CLOSE = 2e-4  # [m] from the nearest point: a foot that is nearer counts as at it
+CLOSE = 2e-4  # [m] from the nearest point, or farther from the finger: a foot that is nearer counts as at it
 PART = 1.5e-4  # [m] of the finger's motion between looks for a leap of the nearest point
 EVERY, LONGER = 4e-3, 20e-3  # [s] between comparisons with the nearest point, and of its leaps
 
@@ -81,13 +81,14 @@ def _waits(trace: Trace, before: int, tick: int, gap: float) -> bool:
 
 def _at_foot(trace: Trace, tick: int, gap: float) -> float:
     """Angle [rad] of the normal to the arc between the interpolated normal at the foot, now or 10 or 20 ms ago, and the
-    direction from there; inf if the foot is farther from the finger than the surface by more than the hysteresis.
+    direction from there; inf if the foot is farther from the finger than the surface by more than `CLOSE`, twice the
+    hysteresis: it has just begun to move.
 
     gap  [m] signed distance of the nearest point
     """
     p, foot = trace["finger.position"][tick], trace["collision.foot"][tick]
-    far, hysteresis = float(length(p - foot)), float(trace.nodes["collision"]["hysteresis"])
-    if far > abs(gap) + hysteresis:
+    far = float(length(p - foot))
+    if far > abs(gap) + CLOSE:
         return np.inf
     away = np.sign(gap) * (p - foot) / max(far, ON)
     ticks = [tick, *(max(tick - trace.ticks(part * LONGER), 0) for part in (0.5, 1.0))]
