@@ -260,8 +260,8 @@ class Haptic(CompiledNode):
         # passive force within the device's limits (physics.device.controller)
         state.withheld = 1.0 - share
         put(state.behind, gap_of(pose))
-        # a surface that another finger lifts is touched above its place at rest
         take_generated(own, contact)
+        # a surface that another finger lifts is touched above its place at rest
         a, approach = contact.lateral_force, contact.compression + max(contact.indentation, 0.0)
         rubbing = (p[0] - a[0], p[1] - a[1], p[2] - a[2])
         fx, fy, fz, held, energy = haptic(

@@ -24,12 +24,7 @@ from palpate.launch.load.checks.overlapping import overlaps
 from palpate.launch.load.checks.several_organs import share_organs
 from palpate.launch.load.checks.touching import place_bodies
 from palpate.launch.load.classes import ClassError, body, find_class
-from palpate.launch.load.contact_paths import (
-    ContactPaths,
-    check_divisors,
-    shares_without_body,
-    unlike_surfaces,
-)
+from palpate.launch.load.contact_paths import ContactPaths, check_divisors, shares_without_body, unlike_surfaces
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import choose_effects as chosen_effects

@@ -34,7 +34,7 @@ along the surface, which attracts a finger to another's indentation (exact while
 of the forces that held a former patch is in a_ij only). With the displacement u by contact j and the forces
 that hold its patch, it has two parts,
 
-    sum over v of dg_i,v/dp (n_i + t_i).u_v + (dn_i/dp + dt_i/dp).u_i,    u_i = sum over v of g_i,v u_v
+    -(sum over v of dg_i,v/dp (n_i + t_i).u_v + (dn_i/dp + dt_i/dp).u_i),    u_i = sum over v of g_i,v u_v
 
 On curved ground the normal turns with the foot, and so does the force that holds a patch: without the second part an
 organ that another finger pushes aside as a whole would seem tilted. Both derivatives are those of the means over the
@@ -183,7 +183,7 @@ def _pair(
     n, m, f, g = normals[i], normals[j], fields[i, 0], fields[j, 0]
     # -n.C h of each contact at the vertices of the other, in `mine` and `yours`; g_i.C g_j in `both`
     mine, yours = responds[i], responds[j]
-    # -C (h + t) of each contact, with the forces that hold its patch, at the vertices of the other
+    # -u of each contact, with the forces that hold its patch, at the vertices of the other: C times `_pulls`
     my_pull, your_pull, my_way, your_way = vectors[2 * i], vectors[2 * j], vectors[2 * i + 1], vectors[2 * j + 1]
     _pulls(contacts[i], listed[i], counts[i, 2], shares[i], f, held[i], sticks, my_pull)
     _pulls(contacts[j], listed[j], counts[j, 2], shares[j], g, held[j], sticks, your_pull)
