@@ -17,6 +17,7 @@ import typer
 import yaml
 import zmq
 from rich.console import Console
+from shell_text import unwrapped
 from sources import nodes
 from typer.core import TyperGroup
 from typer.testing import CliRunner
@@ -95,7 +96,7 @@ def test_an_error_about_input_names_an_option_or_command_that_works(words, text,
     for kind in ("study", "experiment"):
         assert say("new", kind, f"my{kind}").exit_code == 0
     printed = say(*words)
-    assert printed.exit_code == 2 and text in " ".join(printed.output.replace("│", " ").split()), printed.output
+    assert printed.exit_code == 2 and text in unwrapped(printed.output), printed.output
 
 
 def test_a_misspelt_class_has_one_suggestion():
@@ -108,7 +109,7 @@ def test_the_word_of_another_program_suggests_the_command_with_this_meaning():
     for word, meant in (("plot", "picture"), *SYNONYMS.items()):
         printed = say(word, "x")
         assert printed.exit_code == 2 and word not in TOP.commands and meant in TOP.commands
-        assert f"Did you mean '{meant}'?" in " ".join(printed.output.replace("│", " ").split())
+        assert f"Did you mean '{meant}'?" in unwrapped(printed.output)
     assert "Did you mean 'replay'?" in say("repaly", "x").output
 
 

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -86,7 +87,7 @@ def test_the_command_prints_text_or_json_and_draws_a_picture(recording, monkeypa
         "µs: median step time of the nodes that run only for this effect" in output
         and "the whole tick, recomputed" in output
     )
-    untimed = " ".join(command("plan", "kidney").stdout.split())
+    untimed = unwrapped(command("plan", "kidney").stdout)
     assert "the whole tick" not in untimed and "no times: no recording of this graph in runs/" in untimed
     assert "friction" in text and "force differs by" in text and "no times" not in text
     data = json.loads(command("plan", "kidney", "--json").stdout)

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from expected_notes import COARSE, STIFF, UNTAKEN
+from shell_text import unwrapped
 from short_touch import QUICK
 from typer.testing import CliRunner
 
@@ -297,7 +298,7 @@ def test_fields_are_plotted_with_their_units(run, file, tmp_path):
 def test_fields_that_cannot_be_plotted_are_errors_of_one_line(file, names, fault_text):
     result = CliRunner().invoke(app, ["picture", str(file), *names])
     assert result.exit_code != 0
-    assert fault_text in " ".join(result.stderr.split())
+    assert fault_text in unwrapped(result.stderr)
     assert "Traceback" not in result.output
 
 

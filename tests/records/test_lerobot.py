@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 import palpate
@@ -239,7 +240,7 @@ def test_bad_input_of_an_export_is_one_line(recording, tmp_path):
         (["--fps", "2", "--touch-rate", "20"], "expected at least 0.45 s"),
     ):
         done = CliRunner().invoke(app, ["export", str(recording.path), "--to", "lerobot", *options])
-        assert done.exit_code == 2 and words in " ".join(done.output.split()), done.output
+        assert done.exit_code == 2 and words in unwrapped(done.output), done.output
         assert "Traceback" not in done.output
     done = CliRunner().invoke(app, ["export", str(recording.path), "--to", "csv", "--fps", "30"])
     assert done.exit_code == 2 and "expected --to lerobot" in done.output

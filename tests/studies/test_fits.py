@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from scipy.stats import binomtest
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -211,7 +212,7 @@ def test_an_interrupted_search_reports_what_it_found(tmp_path, monkeypatch):
 )  # fmt: skip
 def test_bad_input_is_refused_in_one_line(arguments, message):
     wrong = CliRunner().invoke(app, ["bench", "fits", "--presses", "1", *arguments])
-    assert wrong.exit_code == 2 and message in " ".join(wrong.output.split()) and "Traceback" not in wrong.output
+    assert wrong.exit_code == 2 and message in unwrapped(wrong.output) and "Traceback" not in wrong.output
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -328,7 +329,7 @@ def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkey
     spoilt(monkeypatch, 100)
     ran = CliRunner().invoke(app, ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)])
     assert ran.exit_code == 1
-    assert "Nothing is written" in " ".join(ran.output.split()) and not file.exists()
+    assert "Nothing is written" in unwrapped(ran.output) and not file.exists()
 
 
 @pytest.mark.parametrize(
@@ -346,4 +347,4 @@ def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkey
 def test_invalid_input_is_an_error_of_one_line(given, text):
     ran = CliRunner().invoke(app, ["rates", *given])
     assert ran.exit_code == 2
-    assert text in " ".join(ran.output.split())
+    assert text in unwrapped(ran.output)

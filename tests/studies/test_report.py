@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -93,7 +94,7 @@ def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):
 def test_unknown_names_are_errors_with_the_valid_names(given, text):
     ran = CliRunner().invoke(app, ["bench", "accuracy", *given])
     assert ran.exit_code in (1, 2)
-    assert text in " ".join(ran.output.split())
+    assert text in unwrapped(ran.output)
 
 
 def test_a_median_below_the_range_of_the_picture_is_marked(tmp_path, monkeypatch):

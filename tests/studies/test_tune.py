@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 import yaml
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -104,7 +105,7 @@ def test_a_bound_that_no_candidate_keeps_is_reported(tmp_path, monkeypatch):
     given = ["tune", "kidney", *PRESS, "--budget", "1 us", "-o", str(tmp_path / "t.yaml")]
     ran = CliRunner().invoke(app, given)
     assert ran.exit_code == 1
-    assert "No model meets 0.001 ms at p99 on this machine." in " ".join(ran.output.split())
+    assert "No model meets 0.001 ms at p99 on this machine." in unwrapped(ran.output)
     assert not (tmp_path / "t.yaml").exists()
 
 
@@ -149,7 +150,7 @@ def test_a_touch_without_contact_is_an_error_and_has_no_error_of_zero(tmp_path):
     given = ["tune", "fingertip", "--duration", "0.1 s", "--budget", "1 s", "-o", str(tmp_path / "t.yaml")]
     ran = CliRunner().invoke(app, given)
     assert ran.exit_code == 2
-    assert "try a longer touch: --duration" in " ".join(ran.output.split())
+    assert "try a longer touch: --duration" in unwrapped(ran.output)
 
 
 def test_a_reason_common_to_several_settings_is_reported_once(tmp_path, monkeypatch):
@@ -161,7 +162,7 @@ def test_a_reason_common_to_several_settings_is_reported_once(tmp_path, monkeypa
              "--set", "scene.nodule.nodule_radius=3 mm"]  # fmt: skip
     ran = CliRunner().invoke(app, given)
     assert ran.exit_code == 0, ran.output
-    text = " ".join(ran.output.split())
+    text = unwrapped(ran.output)
     assert "left out ReducedFE, 1000 vertices; ReducedFE, 1000 vertices, every 5:" in text
     assert text.count("no reduced basis is stored") == 1
     assert "MassSpring, 1000 vertices, whose error is unknown." in text
@@ -197,4 +198,4 @@ def test_an_output_path_without_write_permission_is_an_error_before_the_computat
     for work in ("tune.tune", "rates.rates", "fit_body.fit_body", "accuracy.cells.compute"):
         monkeypatch.setattr(f"palpate.studies.{work}", lambda *given, **more: pytest.fail("it computes first"))
     ran = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "file" / "x.yaml")])
-    assert ran.exit_code == 2 and "x.yaml: Not a directory" in " ".join(ran.output.split()), ran.output
+    assert ran.exit_code == 2 and "x.yaml: Not a directory" in unwrapped(ran.output), ran.output

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from drawing import needs_drawing
+from shell_text import unwrapped
 from short_touch import short_touch
 from typer.testing import CliRunner
 
@@ -102,5 +103,5 @@ def test_an_unknown_colour_is_an_error_of_one_line(file, tmp_path):
                         ("heat", "expected one of displacement, pressure, slip, strain")):  # fmt: skip
         for verb in (["picture", "--at", "0.3"], ["picture", "--film"]):
             result = CliRunner().invoke(app, [verb[0], str(file), *verb[1:], "--colour", name])
-            assert result.exit_code == 2 and words in " ".join(result.stderr.split()), result.output
+            assert result.exit_code == 2 and words in unwrapped(result.stderr), result.output
     assert [one.name for one in file.parent.iterdir()] == [file.name]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawing import needs_drawing
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -30,7 +31,7 @@ def error_of(*arguments):
     result = CliRunner().invoke(app, [str(a) for a in arguments])
     assert result.exit_code != 0
     assert "Traceback" not in result.output
-    return " ".join(result.stderr.split())
+    return unwrapped(result.stderr)
 
 
 def test_a_picture_shows_the_requested_instant(file, tmp_path):

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from msgspec import structs
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -566,5 +567,5 @@ def test_a_run_without_pictures_prints_the_reason(tmp_path):
     given = ["run", "indentation", *ports, "--fused", "--duration", "0.05", "-o", str(tmp_path)]
     result = CliRunner().invoke(app, given)
     assert result.exit_code == 0 and not list(tmp_path.glob("*.png"))
-    output_text = " ".join(result.output.split())
+    output_text = unwrapped(result.output)
     assert "no pictures: " in output_text and "nothing to draw: the finger touched nothing" in output_text

@@ -19,6 +19,7 @@ from palpate.views.run import Run
 
 pytest.importorskip("websockets")
 
+from shell_text import unwrapped
 from test_page import read
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -174,7 +175,7 @@ def test_unusable_recordings_are_errors_of_one_line(file, tmp_path, shown):
         ([file] * 3, "expected one, or two"),
     ):
         ran = CliRunner().invoke(app, ["view", *map(str, files), "--no-open"])
-        assert ran.exit_code != 0 and printed in " ".join(ran.output.split()) and "Traceback" not in ran.output
+        assert ran.exit_code != 0 and printed in unwrapped(ran.output) and "Traceback" not in ran.output
     with pytest.raises(PageError, match="port"):
         PageServer(Reels([file]), port=int(shown.address.partition("1:")[2].partition("/")[0]))
     with pytest.raises(RecordingError, match="no body"):

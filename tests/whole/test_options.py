@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from options import digests
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -127,7 +128,7 @@ def shell(graph, scene, duration, sets, file):
     words = [word for text in sets for word in ("--set", text)] + (["--scene", scene] if scene else [])
     words += ["--fused", "--no-pictures", "--duration", str(duration), "--record", str(file)]
     done = CliRunner().invoke(app, ["run", graph, *words], env={"COLUMNS": "10000"})
-    printed = " ".join(done.output.split())
+    printed = unwrapped(done.output)
     return (digests(file) if done.exit_code == 0 else None), printed
 
 

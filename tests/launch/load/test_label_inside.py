@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from label_files import orientations, write_nifti, write_nrrd
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -208,7 +209,7 @@ def test_a_nodule_outside_of_the_surface_is_refused(named):
 def test_labels_that_are_no_nodule_are_one_line(named, label, words):
     words_of_call = ["run", "kidney", "--organ", "seg.seg.nrrd", "--label", label, "--no-record", "--no-pictures"]
     found = CliRunner().invoke(app, [*words_of_call, "--set", COARSE])
-    assert found.exit_code == 2 and words in " ".join(found.output.split()), found.output
+    assert found.exit_code == 2 and words in unwrapped(found.output), found.output
     scene = {"extends": "stack", "organs": [{"file": "seg.seg.nrrd", "label": label, "refine": 0.012}]}
     with pytest.raises(GraphError, match=re.escape(words)):
         load("stack", scene=scene)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from graphs_for_runs import write_graph
+from shell_text import unwrapped
 from typer.testing import CliRunner
 from warm_fork_server import palpate as command
 
@@ -188,6 +189,6 @@ def test_the_name_of_a_recording_has_its_suffix(tmp_path):
     graph = write_graph(tmp_path)
     for name in ("x.txt", "x", "x.mcap.gz"):
         shell = CliRunner().invoke(app, ["run", str(graph), "--fused", "--duration", "0.02", "--record", name])
-        assert shell.exit_code == 2 and "expected a name that ends in .mcap" in " ".join(shell.stderr.split())
+        assert shell.exit_code == 2 and "expected a name that ends in .mcap" in unwrapped(shell.stderr)
         with pytest.raises(ArgumentError, match=r"ends in \.mcap"):
             palpate.run(graph, duration=0.02, record=name)

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from pytest import approx
 from scipy.stats import t as student
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -227,7 +228,7 @@ def test_errors_are_available_as_json(example):
 
 
 def test_the_help_names_every_model():
-    text = " ".join(run("--help").stdout.replace("│", " ").split())
+    text = unwrapped(run("--help").stdout)
     assert ", ".join(MODELS) in text
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from scipy.signal import lfilter
+from shell_text import unwrapped
 from strokes_of_a_surface import FORCES, SAMPLING, SPEEDS, resonance, strokes
 from typer.testing import CliRunner
 
@@ -88,14 +89,14 @@ def test_the_table_names_speeds_intervals_and_the_error(recording, tmp_path):
 def test_a_bad_recording_is_an_error_with_the_reason(tmp_path, rows, options, fault_text):
     (tmp_path / "bad.csv").write_text(rows)
     result = fit(tmp_path / "bad.csv", *options)
-    assert result.exit_code == 2 and fault_text in " ".join(result.output.split())
+    assert result.exit_code == 2 and fault_text in unwrapped(result.output)
     assert fit(tmp_path / "none.csv").exit_code == 2
 
 
 def test_a_recording_that_is_not_text_is_an_error(tmp_path):
     (tmp_path / "bad.csv").write_bytes(bytes(range(256)))
     result = fit(tmp_path / "bad.csv")
-    assert result.exit_code == 2 and "not a text file in UTF-8" in " ".join(result.output.split())
+    assert result.exit_code == 2 and "not a text file in UTF-8" in unwrapped(result.output)
 
 
 @pytest.mark.parametrize(("windows", "wander", "least"), [(60, 0.0, 0.92), (60, 0.2, 0.9)])
@@ -115,5 +116,5 @@ def test_no_interval_is_given_for_a_recording_too_short_to_show_how_the_gain_wan
     (tmp_path / "short.csv").write_text("\n".join([head, *rows[:3000]]))
     result = fit(tmp_path / "short.csv")
     assert result.exit_code == 0, result.output
-    assert f"withheld: fewer than {ENOUGH} steady windows" in " ".join(result.output.split())
+    assert f"withheld: fewer than {ENOUGH} steady windows" in unwrapped(result.output)
     assert all(model.interval is None for model in read_texture(tmp_path / "short.json").models)

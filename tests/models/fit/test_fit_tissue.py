@@ -11,6 +11,7 @@ import pytest
 import yaml
 from expected_notes import COARSE
 from pytest import approx
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 import palpate
@@ -265,7 +266,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_fit(tmp_path, mon
     monkeypatch.setattr("palpate.models.fit.tissue.fit.fit_tissue", lambda *given, **more: pytest.fail("it fits first"))
     words = [*OPTIONS, "--radius", "30 mm", "--law", "hertz", "-o", str(path / "out")]
     result = CliRunner().invoke(app, ["fit", "tissue", str(path), *words])
-    assert result.exit_code == 2 and "Not a directory" in " ".join(result.output.split())
+    assert result.exit_code == 2 and "Not a directory" in unwrapped(result.output)
 
 
 @pytest.mark.parametrize("withheld", [False, True])
@@ -360,7 +361,7 @@ def test_a_recording_without_one_press_is_refused(tmp_path):
     words = ["--rig", "ball", "--radius", "8 mm", "--law", "hertz", "-o", str(tmp_path / "out")]
     result = CliRunner().invoke(app, ["fit", "tissue", str(recording.path), *words])
     assert result.exit_code == 2
-    assert "expected one press" in " ".join(result.output.split())
+    assert "expected one press" in unwrapped(result.output)
 
 
 @pytest.mark.parametrize(("rig", "law", "truth", "kind"), CASES)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pytest import approx
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -132,7 +133,7 @@ def test_a_stiffness_of_no_soft_material_is_noted(tmp_path, unit, noted):
         "-o",
         str(tmp_path / "o"),
     ]
-    output = " ".join(CliRunner().invoke(app, words).output.split())
+    output = unwrapped(CliRunner().invoke(app, words).output)
     assert ("Are the units of force and indentation right?" in output) == noted
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from pytest import approx
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -132,7 +133,7 @@ def test_every_command_that_reads_a_table_takes_the_dialect(tmp_path, command):
 
     def call(*more):
         found = CliRunner().invoke(app, ["fit", command, str(path), *more])
-        return " ".join(found.output.split())
+        return unwrapped(found.output)
 
     question = "a decimal comma or a separator of thousands?"
     assert question in call() and f"{where}: found '1," in call() and "Set --dialect decimal-comma" in call()
@@ -201,7 +202,7 @@ def test_the_report_names_the_columns_and_hysteresis_needs_an_unloading(tmp_path
         app, [*words, "--holdout", str(other), "-o", str(tmp_path / "out"), "--depth-limit", "0.3 mm"]
     )
     assert result.exit_code == 0, result.output
-    report, output = (tmp_path / "out" / "report.md").read_text(), " ".join(result.output.split())
+    report, output = (tmp_path / "out" / "report.md").read_text(), unwrapped(result.output)
     for text in (report, output):
         assert "indentation from 'd [mm]' times 0.001 m" in " ".join(text.split())
         assert "100 % of the work" not in text

@@ -15,6 +15,7 @@ pytest.importorskip("nibabel")
 
 import phantom_finger as phantom
 from scan_images import coarse, write_images
+from shell_text import unwrapped
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -321,7 +322,7 @@ def test_the_command_reports_errors(extra, tmp_path, monkeypatch):
     if not extra:  # wrong input is reported first
         monkeypatch.setitem(sys.modules, "palpate.models.scan", None)
     result = CliRunner().invoke(app, ["build", "fingertip", str(tmp_path / "none")])
-    assert result.exit_code == 2 and "no such file" in " ".join(result.output.replace("│", " ").split())
+    assert result.exit_code == 2 and "no such file" in unwrapped(result.output)
     for options in (["--spacing", "1,2"], ["-o", "finger.txt"], ["--skin", "40"], ["-o", "nowhere/finger.npz"]):
         result = CliRunner().invoke(app, ["build", "fingertip", str(tmp_path), *options])
         assert result.exit_code == 2
