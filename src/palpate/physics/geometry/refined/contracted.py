@@ -12,16 +12,15 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.refined.edge_list import edges_of
 from palpate.physics.geometry.refined.edges import CREASE, directions, is_thin
 
-NONE = np.zeros(0, np.int64)
 THIN = 0.1  # [1] length of an edge that is contracted, over the longest side of a triangle there
 
 
-def contract_edges(mesh: Mesh, shortest: float, stay: np.ndarray = NONE) -> tuple[Mesh, np.ndarray]:
+def contract_edges(mesh: Mesh, shortest: float, *stay: np.ndarray) -> tuple[Mesh, np.ndarray]:
     """The mesh with both ends of each edge at one of them that is below `shortest` [m] and, in one of its triangles,
     below `THIN` of the longest side; the same object if no edge is. Edges remain that are part of a longer chain, as on
     a cylinder of long strips, or whose contraction would join more than two triangles at an edge, or fold them.
 
-    stay  (n) vertices at which an edge ends, rather than at others
+    stay  (n) vertices at which an edge ends, rather than at others; at those given first, rather than at the next
 
     Also the vertex of the result (V) that each becomes, -1: none.
     """
@@ -35,9 +34,10 @@ def contract_edges(mesh: Mesh, shortest: float, stay: np.ndarray = NONE) -> tupl
         return mesh, np.arange(count)
     graph = scipy.sparse.coo_array((np.ones(len(short), bool), tuple(short.T)), shape=(count, count))
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    others = np.ones(count, bool)
-    others[stay] = False
-    order = np.argsort(others, kind="stable")
+    rank = np.full(count, len(stay))
+    for k in reversed(range(len(stay))):
+        rank[stay[k]] = k
+    order = np.argsort(rank, kind="stable")
     first = order[np.unique(label[order], return_index=True)[1]][label]
     kept = np.zeros(count, bool)  # by label
     kept[label[np.linalg.norm(mesh.vertices - mesh.vertices[first], axis=1) > 2.0 * shortest]] = True

@@ -35,7 +35,7 @@ from palpate.physics.arrays import Array, Indices, Matrix
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.refined.contracted import contract_edges
 from palpate.physics.geometry.refined.edge_list import edges_of
-from palpate.physics.geometry.refined.edges import creases, direction, length_between, unit
+from palpate.physics.geometry.refined.edges import creases, direction, length_between, steep_edges, turns_of, unit
 from palpate.physics.geometry.refined.flipped import flip_caps
 from palpate.physics.geometry.refined.normals import fit_normals
 from palpate.physics.geometry.refined.rims import find_rims
@@ -86,16 +86,22 @@ def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
 def remove_thin(mesh: Mesh, shortest: float) -> tuple[Mesh, np.ndarray]:
     """The mesh without caps, and without edges below `shortest` [m] of thin triangles; the same object if it has none
     of either. And the ends (K,2) of its rims (`find_rims`), which are found before, because flips could remove them."""
-    rims = find_rims(mesh)
-    mesh, number = contract_edges(mesh, shortest, rims.ravel())
-    rims = _renumbered(rims, number)
+    rims, steep = find_rims(mesh), steep_edges(mesh)
+    mesh, number = _contract(mesh, shortest, rims, steep)
+    rims, steep = _renumbered(rims, number), _renumbered(steep, number)
     triangles = mesh.triangles.astype(np.int64)
-    flipped = flip_caps(mesh.vertices, triangles, rims)
+    flipped = flip_caps(mesh.vertices, triangles, np.concatenate([rims, steep]))
     if flipped is triangles:
         return mesh, rims
     flat = Mesh(mesh.vertices, np.ascontiguousarray(flipped, dtype=np.int32))
-    mesh, number = contract_edges(flat, shortest, rims.ravel())
+    mesh, number = _contract(flat, shortest, rims, steep)
     return mesh, _renumbered(rims, number)
+
+
+def _contract(mesh: Mesh, shortest: float, rims: np.ndarray, steep: np.ndarray) -> tuple[Mesh, np.ndarray]:
+    """`contract_edges` to the ends of rims and other steep edges (K,2), first of all to those where they turn."""
+    both = np.unique(np.concatenate([rims, steep]), axis=0)
+    return contract_edges(mesh, shortest, turns_of(mesh.vertices, both), rims.ravel(), steep.ravel())
 
 
 def _renumbered(edges: np.ndarray, number: np.ndarray) -> np.ndarray:

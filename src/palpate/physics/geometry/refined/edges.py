@@ -10,8 +10,10 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.refined.edge_list import edges_of
 
 CREASE = 0.766  # [1] cosine of 40 degrees, between the normals of two triangles
+BEND = 0.45  # [1] length of the sum of two unit vectors at an angle of 154 degrees
 SAME = 0.99996  # [1] cosine of 0.5 degrees
 THINNEST = 0.004  # [1] height over the longest side below which the normal of a triangle is not known
+FLATTEST = 0.065  # [1] the same of a cap, at 165 degrees, whose normal is not that of the surface if vertices scatter
 
 
 def directions(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -24,20 +26,23 @@ def unit(vectors: np.ndarray) -> np.ndarray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None])
 
 
-def is_thin(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Whether each triangle (T) of points [m] (V,3) is too thin for a normal."""
+def is_thin(points: np.ndarray, triangles: np.ndarray, thinnest: float = THINNEST) -> np.ndarray:
+    """Whether each triangle (T) of points [m] (V,3) is too thin for a normal: its height is below `thinnest` [1] of its
+    longest side."""
     thin = np.empty(len(triangles), bool)
-    _find_thin(np.ascontiguousarray(points), np.ascontiguousarray(triangles, np.int64), thin)
+    _find_thin(np.ascontiguousarray(points), np.ascontiguousarray(triangles, np.int64), thinnest, thin)
     return thin
 
 
-def known_normals(points: np.ndarray, triangles: np.ndarray, two: np.ndarray) -> np.ndarray:
+def known_normals(
+    points: np.ndarray, triangles: np.ndarray, two: np.ndarray, thinnest: float = THINNEST
+) -> np.ndarray:
     """Whether the normal of each triangle (T) is known: it is not too thin for one, or has the same as its neighbour,
     directly or through others, which is known. Flat sides are often divided into thin triangles.
 
-    two  (E,2) triangles of each edge, as of `edges_of`
+    two  (E,2) triangles of each edge, as of `edges_of`;  thinnest  as of `is_thin`
     """
-    thin, facing = is_thin(points, triangles), directions(points, triangles)
+    thin, facing = is_thin(points, triangles, thinnest), directions(points, triangles)
     near = two[thin[two].any(axis=1)]
     near = near[einsum("ij,ij->i", facing[near[:, 0]], facing[near[:, 1]]) > SAME]
     graph = scipy.sparse.coo_array((np.ones(len(near), bool), tuple(near.T)), shape=(len(thin), len(thin)))
@@ -45,6 +50,27 @@ def known_normals(points: np.ndarray, triangles: np.ndarray, two: np.ndarray) ->
     known = np.zeros(len(thin), bool)
     known[label[~thin]] = True
     return np.asarray(known[label])
+
+
+def steep_edges(mesh: Mesh) -> np.ndarray:
+    """Ends (K,2), lower first, of the edges at which the surface bends by more than 40 degrees, also if vertices
+    scatter: not those of caps flatter than `FLATTEST`."""
+    triangles = mesh.triangles.astype(np.int64)
+    ends, _, two = edges_of(triangles, len(mesh.vertices))
+    facing, known = directions(mesh.vertices, triangles), known_normals(mesh.vertices, triangles, two, FLATTEST)
+    bend = einsum("ij,ij->i", facing[two[:, 0]], facing[two[:, 1]])
+    return np.asarray(ends[(bend < CREASE) & known[two].all(axis=1)])
+
+
+def turns_of(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """The ends (n) of these edges (K,2) of points [m] (V,3) at which they turn, by more than about 25 degrees: not
+    those that they pass in a line."""
+    along = unit(points[edges[:, 1]] - points[edges[:, 0]])
+    away = np.zeros_like(points)  # sum of the unit vectors of the edges away from each vertex
+    np.add.at(away, edges[:, 0], along)
+    np.add.at(away, edges[:, 1], -along)
+    number = np.bincount(edges.ravel(), minlength=len(points))
+    return np.flatnonzero((number > 0) & ((number != 2) | (np.linalg.norm(away, axis=1) > BEND)))
 
 
 def creases(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -70,20 +96,20 @@ def direction(points: Matrix, i: int, j: int, k: int):
 
 
 @ieee_kernel
-def _find_thin(points: Matrix, triangles: Indices, thin: Indices):
+def _find_thin(points: Matrix, triangles: Indices, thinnest: float, thin: Indices):
     """Fill in whether each triangle (T) is too thin for a normal."""
     for t in range(len(triangles)):
-        thin[t] = too_thin(points, triangles[t, 0], triangles[t, 1], triangles[t, 2])
+        thin[t] = too_thin(points, triangles[t, 0], triangles[t, 1], triangles[t, 2], thinnest)
 
 
 @ieee_kernel
-def too_thin(points: Matrix, i: int, j: int, k: int):
-    """Whether a triangle is too thin for a normal, in a kernel."""
+def too_thin(points: Matrix, i: int, j: int, k: int, thinnest: float):
+    """Whether a triangle is too thin for a normal (`is_thin`), in a kernel."""
     x, y, z = _area(points, i, j, k)
     side = max(
         length_between(points[j], points[i]), length_between(points[k], points[j]), length_between(points[i], points[k])
     )
-    return np.sqrt(x * x + y * y + z * z) <= THINNEST * side * side
+    return np.sqrt(x * x + y * y + z * z) <= thinnest * side * side
 
 
 @kernel

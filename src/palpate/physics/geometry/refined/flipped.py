@@ -14,7 +14,7 @@ from palpate.compiler.kernel import ieee_kernel, kernel
 from palpate.compiler.records import put, vector
 from palpate.physics.arrays import Array, Indices, Matrix, Record, Vector3
 from palpate.physics.geometry.refined.edge_list import edges_of, stable_order
-from palpate.physics.geometry.refined.edges import CREASE, direction, too_thin
+from palpate.physics.geometry.refined.edges import CREASE, THINNEST, direction, too_thin
 from palpate.physics.geometry.refined.key_set import add_key, has_key, remove_key, set_of_keys
 
 FLAT = -0.5  # [1] cosine of the angle from which a triangle is a cap
@@ -125,7 +125,7 @@ def _is_good(
     flip.before, flip.after = two[ca, 0] + two[ca, 1] - cap, two[bc, 0] + two[bc, 1] - cap
     for t in (flip.before, flip.after):
         i, j, k = vector(triangles[t])
-        if flat[t] >= FLAT and not too_thin(points, i, j, k) and not _smooth(direction(points, i, j, k), along):
+        if flat[t] >= FLAT and not too_thin(points, i, j, k, THINNEST) and not _smooth(direction(points, i, j, k), along):
             return False
     flip.new = min(c, d) * len(points) + max(c, d)
     if has_key(known, flip.new):

@@ -10,7 +10,8 @@ differs by more than `EVEN` b from that at the edge, or one side is flat and `WI
 other, whose angles differ by at most `ROUND` b.
 
 On scattered, coarse or stepped meshes it jumps at single edges by chance, up to five in a row on 60 organs. A rim is a
-chain of at least `CHAIN` edges at which it jumps, or that bend by more than 40 degrees (`STEEP`: 36, if it jumps).
+chain of at least `CHAIN` edges at which it jumps, or that bend by more than 40 degrees (`STEEP`: 36, if it jumps). A
+long edge between two flat sides, of which a boolean has removed the vertices, counts for as many as have its length.
 Edges of triangles that are too thin for a normal do not interrupt it. Edges between those of a chain belong to it.
 """
 
@@ -32,6 +33,7 @@ JUMP = (0.7, 1.4)  # [1] over the bend
 EVEN, FLAT, ROUND = 0.6, 0.05, 0.8  # [1] change of the angle within D over the bend
 WIDE = 3.0  # [1]
 CHAIN = 6  # edges
+COUNTS = 1.6e-3  # [m] length of a long edge that counts as one, if the median of all edges is longer
 STRAIGHT = 0.5  # [1] cosine of 60 degrees, by which a chain may turn from edge to edge
 ENOUGH = 2.2  # [1] length of a polygon over that of its longest side
 MOST, STEPS = 12, 300  # sides of a polygon, and triangles through which it passes
@@ -64,12 +66,16 @@ def find_rims(mesh: Mesh) -> np.ndarray:
              np.zeros(1, SECTION), np.zeros(2, SIDE))  # fmt: skip
     bends = bends[np.arange(len(bends)), bends["jump"].argmin(axis=1)]
     low, high = (share * bend for share in JUMP)
+    length = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
+    both_flat = bends["change"] < FLAT * bend
+    count = np.ones(len(ends))
+    count[shallow[both_flat]] = np.maximum(length[shallow[both_flat]] / min(np.median(length), COUNTS), 1.0)
     even = bends["change"] < EVEN * bend
     flat = (bends["least"] < FLAT * bend) & (bends["wide"] > WIDE) & (bends["change"] < ROUND * bend)
     jumps = shallow[(bends["jump"] > low) & (bends["jump"] < high) & (even | flat)]
     gaps = np.flatnonzero(whole & half & ~known)
     steep = np.concatenate([np.flatnonzero(sharp), jumps[cosine[jumps] < STEEP]])
-    rim, steep = (_chains(mesh.vertices, ends, some, gaps) for some in (jumps, steep))
+    rim, steep = (_chains(mesh.vertices, ends, some, gaps, count) for some in (jumps, steep))
     # edges between them that do not jump
     at_rim, at_any = np.zeros((2, len(mesh.vertices)), bool)
     at_rim[ends[rim]] = at_any[ends[rim]] = at_any[ends[steep]] = True
@@ -78,10 +84,12 @@ def find_rims(mesh: Mesh) -> np.ndarray:
     return np.asarray(ends[np.unique(np.concatenate([rim, more, steep]))])
 
 
-def _chains(points: np.ndarray, ends: np.ndarray, jumps: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+def _chains(
+    points: np.ndarray, ends: np.ndarray, jumps: np.ndarray, gaps: np.ndarray, count: np.ndarray
+) -> np.ndarray:
     """The edges that are part of a chain with at least `CHAIN` of `jumps` and others of `gaps`: indices of `ends` (E,2)
-    of edges between points [m] (V,3)."""
-    if len(jumps) < CHAIN:
+    of edges between points [m] (V,3). `count` (E): for how many edges each counts."""
+    if count[jumps].sum() < CHAIN:
         return np.zeros(0, np.int64)
     some = np.concatenate([jumps, gaps])
     along = unit(points[ends[some, 1]] - points[ends[some, 0]])
@@ -98,7 +106,7 @@ def _chains(points: np.ndarray, ends: np.ndarray, jumps: np.ndarray, gaps: np.nd
         first, second = np.concatenate([first, edge[same]]), np.concatenate([second, edge[same + apart]])
     graph = scipy.sparse.coo_array((np.ones(len(first), bool), (first, second)), shape=(len(some), len(some)))
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    long = np.bincount(label[: len(jumps)], minlength=label.max() + 1) >= CHAIN
+    long = np.bincount(label[: len(jumps)], count[jumps], minlength=label.max() + 1) >= CHAIN
     return np.sort(some[long[label]])
 
 
