@@ -69,8 +69,9 @@ def read_mesh(path: str, scale: float, piece: int = 0) -> Mesh:
         )
     _, shared = edge_counts(triangles, len(vertices))
     if shared:
+        edges = "1 edge" if shared == 1 else f"{shared} edges"
         raise SettingError(
-            f"setting 'surface': {path} has {shared} edges that more than two triangles share{_shared_in(triangles)}: "
+            f"setting 'surface': {path} has {edges} that more than two triangles share{_shared_in(triangles)}: "
             f"it has no inside. {REPAIR.format(path)} rebuilds its surface."
         )
     right = _right(path, piece, *_stamp(path))

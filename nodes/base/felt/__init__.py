@@ -29,6 +29,7 @@ from palpate.units.header import factor
 
 SAMPLES = 3000  # vertices of a NURBS surface that are tested
 WIDTH = 16e-3  # [m] twice the radius of the patch of spread.Kernel
+NO_AREA = 1e-8  # [m²] of bridges below which none is noted: inner walls of pieces that overlap are under none
 
 
 class WithWidth(Node):
@@ -141,7 +142,7 @@ def bridge_notes(surface: str, width: float, bridged: Bridged) -> list[str]:
             f"{surface}: gaps and grooves {wide} are not bridged, because {fault}. If it has any, the finger is drawn "
             "in there, and the force is too small"
         ]
-    if felt is None:
+    if felt is None or felt.area < NO_AREA:
         return []
     at = ", ".join(f"{1e3 * x:.3g}" for x in felt.place)
     return [

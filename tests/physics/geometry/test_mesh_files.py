@@ -109,7 +109,7 @@ def test_the_collision_node_reads_a_file_at_its_pose(tmp_path):
         (
             "k.obj",
             b"v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nv 0 -.1 0\nf 1 2 3\nf 1 2 4\nf 1 2 5\n",
-            "1 edges that more than two",
+            "1 edge that more than two",
         ),
     ],
 )

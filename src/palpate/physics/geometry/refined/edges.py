@@ -34,9 +34,7 @@ def is_thin(points: np.ndarray, triangles: np.ndarray, thinnest: float = THINNES
     return thin
 
 
-def known_normals(
-    points: np.ndarray, triangles: np.ndarray, two: np.ndarray, thinnest: float = THINNEST
-) -> np.ndarray:
+def known_normals(points: np.ndarray, triangles: np.ndarray, two: np.ndarray, thinnest: float = THINNEST) -> np.ndarray:
     """Whether the normal of each triangle (T) is known: it is not too thin for one, or has the same as its neighbour,
     directly or through others, which is known. Flat sides are often divided into thin triangles.
 

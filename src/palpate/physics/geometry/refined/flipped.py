@@ -125,7 +125,11 @@ def _is_good(
     flip.before, flip.after = two[ca, 0] + two[ca, 1] - cap, two[bc, 0] + two[bc, 1] - cap
     for t in (flip.before, flip.after):
         i, j, k = vector(triangles[t])
-        if flat[t] >= FLAT and not too_thin(points, i, j, k, THINNEST) and not _smooth(direction(points, i, j, k), along):
+        if (
+            flat[t] >= FLAT
+            and not too_thin(points, i, j, k, THINNEST)
+            and not _smooth(direction(points, i, j, k), along)
+        ):
             return False
     flip.new = min(c, d) * len(points) + max(c, d)
     if has_key(known, flip.new):

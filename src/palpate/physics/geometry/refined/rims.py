@@ -84,9 +84,7 @@ def find_rims(mesh: Mesh) -> np.ndarray:
     return np.asarray(ends[np.unique(np.concatenate([rim, more, steep]))])
 
 
-def _chains(
-    points: np.ndarray, ends: np.ndarray, jumps: np.ndarray, gaps: np.ndarray, count: np.ndarray
-) -> np.ndarray:
+def _chains(points: np.ndarray, ends: np.ndarray, jumps: np.ndarray, gaps: np.ndarray, count: np.ndarray) -> np.ndarray:
     """The edges that are part of a chain with at least `CHAIN` of `jumps` and others of `gaps`: indices of `ends` (E,2)
     of edges between points [m] (V,3). `count` (E): for how many edges each counts."""
     if count[jumps].sum() < CHAIN:
