@@ -97,7 +97,7 @@ TUBES = {
 
 
 def organ(name, fine):
-    """An ellipsoid with tubes, in a file, or as it is meant: with four times as many vertices along each edge."""
+    """An ellipsoid with tubes, in a file, or as intended: with four times as many vertices along each edge."""
     found = trimesh.creation.icosphere(4 + 2 * fine, 1.0)
     points = np.asarray(found.vertices * np.array([45, 35, 20]), np.float32)
     body = manifold3d.Manifold(manifold3d.Mesh(points, np.asarray(found.faces, np.uint32)))

@@ -48,7 +48,7 @@ FINEST = 0.25  # [1] length of an edge that is not divided for its turn, over th
 CURVED = 50_000  # vertices that `TURN` may add
 SHORTEST = 0.2  # [1] length of an edge that is contracted, over the wanted one
 REACH = 3.0  # [1] of the length of the edges at a vertex: how far its normal bends a longer one
-FEW, THIRD = 0.1, 3  # such a length of a mesh: the longest of the shortest tenth of its edges; of a vertex, of a third
+FEW, THIRD = 0.1, 3  # this length of a mesh: the longest of the shortest tenth of its edges; of a vertex, of a third
 
 
 def refine_mesh(mesh: Mesh, longest: float, most: int) -> Mesh:
