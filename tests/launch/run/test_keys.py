@@ -130,7 +130,8 @@ def test_random_changes_of_a_key_file_never_load_another_key(home):
             data[rng.randrange(len(data))] = rng.randrange(256)
         path.write_bytes(data)
         try:
-            assert keys.load() == good  # the changed bytes were white space
+            # The changed bytes were white space, or five bits of the secret part that do not count (RFC 7748, 5).
+            assert keys.load().public == good.public
             loaded += 1
         except RunError as error:
             assert "\n" not in str(error) and ("damaged" in str(error))
