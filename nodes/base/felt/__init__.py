@@ -144,12 +144,16 @@ def bridge_notes(surface: str, width: float, bridged: Bridged) -> list[str]:
         ]
     if felt is None or felt.area < NO_AREA:
         return []
-    at = ", ".join(f"{1e3 * x:.3g}" for x in felt.place)
+    at = _in_mm(felt.place)
     return [
         f"{surface}: gaps and grooves {wide} are bridged: {1e4 * felt.area:.2g} cm² over parts up to "
         f"{1e3 * felt.depth:.2g} mm deep, the deepest at ({at}) mm of the surface. With MassSpring the tissue there is "
         "as stiff as without the gap. scene.finger.width=0 is a needle or stylus, which enters them"
     ]
+
+
+def _in_mm(place: np.ndarray) -> str:
+    return ", ".join(f"{round(1e3 * x, 3) + 0.0:.3g}" for x in place)  # no -0, and no 7e-05
 
 
 def shared_notes(surface: str, width: float, part: Part | None, fault: str) -> list[str]:
@@ -159,7 +163,7 @@ def shared_notes(surface: str, width: float, part: Part | None, fault: str) -> l
         return [f"{surface}: gaps between it and other organs {wide} are not bridged, because {fault}"]
     if part is None:
         return []
-    at = ", ".join(f"{1e3 * x:.3g}" for x in part.place)
+    at = _in_mm(part.place)
     return [
         f"{surface}: it and organs that are nearer than the finger is wide ({1e3 * width:.3g} mm) are felt as one "
         f"surface, with {1e4 * part.area:.2g} cm² of bridges over gaps up to {1e3 * part.depth:.2g} mm deep, the "

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from palpate.models.build.parted import part_solids
 from palpate.nodes.base.mesh_file import flaws, read_triangles
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.crossing import UncheckedError, crossing
@@ -13,12 +14,14 @@ from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.physics.geometry.topology import edge_counts, outward
 from palpate.units.header import factor
 
+TOUCHING = "solids that touch along an edge parted"
+
 
 def repair_mesh(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]:
     """Write a closed mesh in metres next to the file; returns it and a line per repair, or the file if it is sound.
 
-    Holes are closed by fans. If more than two triangles share an edge, or triangles intersect, fTetWild rebuilds the
-    surface within 0.1 % of its size.
+    Holes are closed by fans. Solids that touch along an edge are parted there (`parted`). If triangles intersect, or
+    more than two share an edge otherwise, fTetWild rebuilds the surface within 0.1 % of its size.
 
     unit   of the file: m, cm or mm
     piece  as of `read_triangles`
@@ -30,6 +33,10 @@ def repair_mesh(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]
     if not (border or shared or flaws(str(file), piece)):
         return file, []
     done = []
+    if shared and (apart := part_solids(vertices, triangles)) is not None:
+        vertices, triangles = apart
+        border, shared = edge_counts(triangles, len(vertices))
+        done.append(TOUCHING)
     if not shared:
         triangles = outward(vertices, triangles)
         if border:
@@ -44,6 +51,10 @@ def repair_mesh(file: Path, unit: str, piece: int = 0) -> tuple[Path, list[str]]
         vertices, triangles = surface.vertices, surface.triangles
         done.append("surface rebuilt without self-intersections")
     border, shared = edge_counts(triangles, len(vertices))
+    if shared and (apart := part_solids(vertices, triangles)) is not None:
+        vertices, triangles = apart
+        border, shared = edge_counts(triangles, len(vertices))
+        done.append(TOUCHING)
     if border or shared:
         raise MeshError(
             f"--repair: {file} still has {border} open edges and {shared} of more than two triangles. Repair it "
